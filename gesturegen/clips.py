@@ -1,0 +1,455 @@
+"""Recordings on disk, and the clips, references and speeches made of them (§3).
+
+A `Recording` names files; a `Clip` is what `preprocess` stores; a `Reference` (motion with its speech) and
+a `Speech` are what the methods see. Nothing here writes outside the folder it is given.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+import numpy as np
+
+from gesturegen import files
+from gesturegen.config import Config, read_yaml
+from gesturegen.errors import ConfigError, DataError
+from gesturegen.motion import bvh, cleanup, kinematics, rotation
+from gesturegen.motion.skeleton import Motion, Skeleton, read_only
+from gesturegen.randomness import generator
+from gesturegen.speech import audio, transcript
+from gesturegen.speech.transcript import Word
+
+AGENT = "main-agent"
+FORMAT_VERSION = 1
+# Everything a stored clip depends on. The onset threshold is applied when a clip is used.
+_SETTINGS = (
+    "fps", "joints", "wrists", "exclude", "breaks", "positions.root_joint",
+    "onsets.sample_rate", "onsets.hop_length", "onsets.muted_min_seconds", "onsets.muted_max_seconds",
+    "onsets.muted_margin_seconds",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The files of one clip; None where there is no such file."""
+
+    name: str
+    motion_path: Path | None
+    audio_path: Path | None
+    transcript_path: Path | None
+    speaker: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Speech:
+    """A speech on the frame grid.
+
+    onset_times : float [shape=(K,)], seconds, at the configured strength
+    words : in order of time; n_frames : round(duration * fps) for a test speech, the motion's for a reference
+    """
+
+    name: str
+    onset_times: np.ndarray
+    words: tuple[Word, ...]
+    n_frames: int
+    fps: float
+
+    def __post_init__(self):
+        object.__setattr__(self, "onset_times", read_only(self.onset_times))
+
+    @property
+    def onset_frames(self) -> np.ndarray:
+        """Frames `[shape=(K,)]` of the onsets inside the speech, each once, in order."""
+        frames = np.unique(np.round(self.onset_times * self.fps).astype(int))
+        return frames[(frames >= 0) & (frames < self.n_frames)]
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A recorded motion with its speech.
+
+    motion : the frames that may be used
+    source_frames : int [shape=(T,)], their numbers in the recording (excluded ranges are left out)
+    segment_starts : int [shape=(S,)], first frames of the uninterrupted stretches of `motion`
+    """
+
+    name: str
+    motion: Motion
+    speech: Speech
+    source_frames: np.ndarray
+    segment_starts: np.ndarray
+
+    def __post_init__(self):
+        for name in ("source_frames", "segment_starts"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """One preprocessed recording, as stored in `clips/<name>.npz`; `motion` is None for a test clip."""
+
+    name: str
+    speaker: str | None
+    duration: float
+    onset_peaks: audio.OnsetPeaks
+    words: tuple[Word, ...]
+    motion: Motion | None = None
+    source_frames: np.ndarray | None = None
+    segment_starts: np.ndarray | None = None
+    n_recorded: int = 0
+    notes: tuple[str, ...] = field(default=())
+
+    def test_speech(self, config: Config) -> Speech:
+        return self._speech(config, round(self.duration * config.fps))
+
+    def reference(self, config: Config) -> Reference:
+        if self.motion is None:
+            raise DataError(f"clip {self.name} has no motion, so it cannot be a reference")
+        return Reference(
+            self.name, self.motion, self._speech(config, self.n_recorded), self.source_frames, self.segment_starts
+        )
+
+    def _speech(self, config: Config, n_frames: int) -> Speech:
+        onsets = self.onset_peaks.select(config.onsets.min_strength, config.onsets.muted_max_share)
+        return Speech(self.name, onsets, self.words, n_frames, float(config.fps))
+
+
+# --- finding recordings -------------------------------------------------------------------------------------
+
+
+def reference_recordings(config: Config) -> list[Recording]:
+    """The recordings that may become references, without the blacklist; DataError when none is left."""
+    folder = _folder(config.data.references, config.paths.data, config.data.reference_split, "reference")
+    found = [recording for recording in list_recordings(folder) if recording.motion_path]
+    if not found:
+        raise DataError(f"{folder}: no BVH file in it; expected GENEA's {AGENT}/bvh, or BVH and WAV files side by side")
+    left = [recording for recording in found if not is_listed(recording.name, config.blacklist)]
+    if not left:
+        raise DataError(f"{folder}: no reference is left of {len(found)} after the blacklist; shorten `blacklist`")
+    return left
+
+
+def test_recordings(config: Config) -> list[Recording]:
+    """The recordings whose speech is to be gestured; DataError when there is none."""
+    folder = _folder(config.data.tests, config.paths.data, config.data.test_split, "test")
+    found = [recording for recording in list_recordings(folder) if recording.audio_path or recording.transcript_path]
+    if not found:
+        raise DataError(f"{folder}: no audio file in it; expected GENEA's {AGENT}/wav, or WAV, FLAC or OGG files")
+    return found
+
+
+def _folder(chosen: str | None, data: str, split: str, what: str) -> Path:
+    folder = Path(chosen) if chosen is not None else Path(data) / split
+    if not folder.is_dir():
+        key = f"data.{what}s" if chosen is not None else f"paths.data and data.{what}_split"
+        raise DataError(f"{folder}: no such folder of {what} clips; check {key}")
+    return folder
+
+
+def list_recordings(folder: str | Path) -> list[Recording]:
+    """All recordings of a folder, sorted by name: GENEA's layout, `bvh`/`wav`/`tsv` folders, or files side by side."""
+    folder = Path(folder)
+    agent = folder / AGENT if (folder / AGENT).is_dir() else folder
+    motions = _stems(agent, "bvh", (".bvh",))
+    audios = _stems(agent, "wav", audio.EXTENSIONS)
+    transcripts = _stems(agent, "tsv", (".tsv",))
+    speakers = _speakers(folder / "metadata.csv")
+    names = sorted({*motions, *audios, *transcripts})
+    return [
+        Recording(
+            name, motions.get(name), audios.get(name), transcripts.get(name),
+            speakers.get(name) or speakers.get(name.removesuffix(f"_{AGENT}")),
+        )
+        for name in names
+    ]  # fmt: skip
+
+
+def _stems(folder: Path, kind: str, extensions: tuple[str, ...]) -> dict[str, Path]:
+    inside = folder / kind
+    paths = sorted((inside if inside.is_dir() else folder).iterdir())
+    found: dict[str, Path] = {}
+    for path in paths:
+        if path.suffix.lower() in extensions and not path.name.startswith("."):
+            if path.stem in found:
+                raise DataError(f"{path}: clip {path.stem} has a second file {found[path.stem].name}; keep one of them")
+            found[path.stem] = path
+    return found
+
+
+def _speakers(path: Path) -> dict[str, str]:
+    if not path.is_file():
+        return {}
+    with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
+        rows = csv.DictReader(file, skipinitialspace=True)
+        wanted = ("prefix", f"{AGENT}_id")
+        if not rows.fieldnames or not set(wanted) <= set(rows.fieldnames):
+            raise DataError(
+                f"{path}:1: expected the columns {', '.join(wanted)}, found {', '.join(rows.fieldnames or [])}"
+            )
+        return {row[wanted[0]]: row[wanted[1]] for row in rows if row[wanted[0]] and row[wanted[1]]}
+
+
+def is_listed(name: str, patterns: Sequence[str]) -> bool:
+    """Whether a clip's name, with or without `_main-agent`, is one of `patterns` (names or globs)."""
+    names = (name, name.removesuffix(f"_{AGENT}"))
+    return any(fnmatchcase(n, pattern) for n in names for pattern in patterns)
+
+
+# --- from recording to clip ---------------------------------------------------------------------------------
+
+
+def prepare(recording: Recording, config: Config, with_motion: bool) -> Clip:
+    """Read, check and clean one recording; raises DataError for anything that cannot be used."""
+    if recording.audio_path is None:
+        raise DataError(
+            f"clip {recording.name}: no audio file beside it; add {recording.name}.wav, or blacklist the clip"
+        )
+    samples, rate = audio.read_samples(recording.audio_path)
+    duration = len(samples) / rate
+    if not with_motion and round(duration * config.fps) < 1:
+        raise DataError(f"{recording.audio_path}: {duration:.3f} s is less than one frame")
+    peaks = audio.detect_onset_peaks(samples, rate, config.onsets)
+    words: tuple[Word, ...] = ()
+    notes: list[str] = []
+    if recording.transcript_path is not None:
+        words, notes = transcript.read(recording.transcript_path, duration)
+    if words and not len(peaks.select(config.onsets.min_strength, config.onsets.muted_max_share)):
+        strongest = peaks.strengths.max(initial=0.0)
+        notes.append(
+            f"{len(words)} words but no onset: the strongest peak is {strongest:.1f}, onsets.min_strength is "
+            f"{config.onsets.min_strength:g}; lower it for quiet or noisy recordings"
+        )
+    clip = Clip(recording.name, recording.speaker, duration, peaks, words, notes=tuple(notes))
+    return _with_motion(clip, recording, config) if with_motion else clip
+
+
+def _with_motion(clip: Clip, recording: Recording, config: Config) -> Clip:
+    notes = list(clip.notes)
+    motion = bvh.read(recording.motion_path)
+    if motion.fps != config.fps:
+        notes.append(f"{recording.motion_path.name}: {motion.fps:g} fps, resampled to {config.fps}")
+        motion = cleanup.resample(motion, config.fps)
+    n_recorded = motion.n_frames
+    seconds = n_recorded / config.fps
+    if abs(seconds - clip.duration) > 1.0:
+        notes.append(f"the motion lasts {seconds:.1f} s, its audio {clip.duration:.1f} s")
+    kept = np.ones(n_recorded, dtype=bool)
+    times = np.arange(n_recorded) / config.fps
+    for range_ in config.exclude:
+        if is_listed(clip.name, (range_.clip,)):
+            if range_.from_ >= seconds:
+                notes.append(
+                    f"exclude from {range_.from_:g} s lies past the end at {seconds:.1f} s and excludes nothing"
+                )
+            kept &= (times < range_.from_) | (times >= range_.to)
+    source_frames = np.flatnonzero(kept)
+    if len(source_frames) == 0:
+        raise DataError(f"clip {clip.name}: `exclude` leaves no frame of it; shorten the ranges or blacklist the clip")
+    motion = motion.take(source_frames)
+    joints, joint_notes = select_joints(motion.skeleton, config)
+    jumps = cleanup.tracking_jumps(
+        kinematics.joint_positions(motion, joints), config.fps, config.breaks.max_joint_speed
+    )
+    gaps = np.flatnonzero(np.diff(source_frames) > 1)
+    segment_starts = np.union1d([0], np.union1d(jumps, gaps) + 1).astype(int)
+    motion, wrist_notes = cleanup.clean_wrists(motion, segment_starts, config.wrists)
+    notes += joint_notes + wrist_notes
+    return Clip(
+        clip.name, clip.speaker, clip.duration, clip.onset_peaks, clip.words, motion, source_frames,
+        segment_starts, n_recorded, tuple(notes),
+    )  # fmt: skip
+
+
+def select_joints(skeleton: Skeleton, config: Config) -> tuple[list[int], list[str]]:
+    """The joint numbers that distances are measured on, and a note when the configured ones do not exist.
+
+    A skeleton with none of the configured joints is of another kind: all its joints are taken. One with
+    only some of them raises DataError.
+    """
+    everything = list(range(len(skeleton.names)))
+    if config.joints == "all":
+        return everything, []
+    missing = [name for name in config.joints if name not in skeleton.names]
+    if len(missing) == len(config.joints):
+        return everything, [
+            f"the skeleton has none of the configured joints, so all its {len(everything)} are used (joints)"
+        ]
+    if missing:
+        skeleton.index(missing[0])
+    return [skeleton.names.index(name) for name in config.joints], []
+
+
+# --- storing clips ------------------------------------------------------------------------------------------
+
+
+def save(path: str | Path, clip: Clip, config: Config) -> None:
+    """Store a clip as `.npz` (README, file formats)."""
+    arrays = {
+        "format_version": np.array(FORMAT_VERSION),
+        "settings": np.array(config.section_json(*_SETTINGS)),
+        "name": np.array(clip.name),
+        "speaker": np.array(clip.speaker or ""),
+        "duration": np.array(clip.duration),
+        "notes": np.array(clip.notes, dtype=str),
+        "onset_times": clip.onset_peaks.times,
+        "onset_strengths": clip.onset_peaks.strengths,
+        "onset_near_mute": clip.onset_peaks.near_mute,
+        "word_texts": np.array([word.text for word in clip.words], dtype=str),
+        "word_times": np.array([(word.start, word.end) for word in clip.words]).reshape(-1, 2),
+    }
+    if clip.motion is not None:
+        skeleton = clip.motion.skeleton
+        joints, _ = select_joints(skeleton, config)
+        arrays |= {
+            "fps": np.array(clip.motion.fps),
+            "n_recorded": np.array(clip.n_recorded),
+            "source_frames": clip.source_frames,
+            "segment_starts": clip.segment_starts,
+            "expmaps": rotation.to_expmap(clip.motion.rotations),
+            "joint_positions": kinematics.joint_positions(clip.motion, joints).astype(np.float32),
+            "joint_names": np.array([skeleton.names[j] for j in joints]),
+            "skeleton_names": np.array(skeleton.names),
+            "skeleton_parents": skeleton.parents,
+            "skeleton_offsets": skeleton.offsets,
+            "skeleton_end_sites": skeleton.end_sites,
+            "skeleton_channels": np.array([" ".join(channels) for channels in skeleton.channels], dtype=str),
+            "hierarchy": np.array(skeleton.hierarchy),
+            **_pack_positions(clip.motion.positions),
+        }
+    files.write_arrays(path, arrays)
+
+
+def load(path: str | Path, config: Config, with_motion: bool = True) -> Clip:
+    """Read a stored clip; DataError when it is missing, damaged or was made with other settings."""
+    path = Path(path)
+    if not path.is_file():
+        raise DataError(f"{path}: clip {path.stem} has not been preprocessed; run `gesturegen preprocess` first")
+    stored = files.read_arrays(path)
+    try:
+        if stored["format_version"] != FORMAT_VERSION:
+            raise DataError(
+                f"{path}: format {stored['format_version']}, this version reads {FORMAT_VERSION}; run preprocess again"
+            )
+        check_settings(path, str(stored["settings"]), config.section_json(*_SETTINGS), "preprocess")
+        peaks = audio.OnsetPeaks(stored["onset_times"], stored["onset_strengths"], stored["onset_near_mute"])
+        times = stored["word_times"].tolist()
+        words = tuple(Word(str(text), *time) for text, time in zip(stored["word_texts"], times, strict=True))
+        described = (str(stored["name"]), str(stored["speaker"]) or None, float(stored["duration"]))
+        notes = tuple(map(str, stored["notes"]))
+        if not with_motion or "expmaps" not in stored:
+            return Clip(*described, peaks, words, notes=notes)
+        skeleton = Skeleton(
+            tuple(map(str, stored["skeleton_names"])),
+            stored["skeleton_parents"],
+            stored["skeleton_offsets"],
+            stored["skeleton_end_sites"],
+            tuple(tuple(str(channels).split()) for channels in stored["skeleton_channels"]),
+            str(stored["hierarchy"]),
+        )
+        rotations = rotation.from_expmap(stored["expmaps"])
+        motion = Motion(skeleton, rotations, _unpack_positions(stored, len(rotations)), float(stored["fps"]))
+        return Clip(
+            *described, peaks, words, motion, stored["source_frames"], stored["segment_starts"],
+            int(stored["n_recorded"]), notes,
+        )  # fmt: skip
+    except KeyError as error:
+        raise DataError(f"{path}: no array {error} in it; delete it and run preprocess again") from None
+
+
+def check_settings(path: Path, stored: str, wanted: str, command: str) -> None:
+    """DataError naming the first setting in which a stored file differs from the config."""
+    before, now = json.loads(stored), json.loads(wanted)
+    for key in now:
+        if before.get(key) != now[key]:
+            raise DataError(
+                f"{path}: made with {key} = {_brief(before.get(key))}, the config says {_brief(now[key])}; "
+                f"run `gesturegen {command}` again"
+            )
+
+
+def _brief(value) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _pack_positions(positions: np.ndarray) -> dict[str, np.ndarray]:
+    """Local positions: a constant for most joints, a track for the few that travel."""
+    moving = np.flatnonzero(np.ptp(positions, axis=0).max(axis=-1) > 0)
+    return {"rest_positions": positions[0], "moving_joints": moving, "moving_positions": positions[:, moving]}
+
+
+def _unpack_positions(stored: Mapping[str, np.ndarray], n_frames: int) -> np.ndarray:
+    positions = np.tile(stored["rest_positions"], (n_frames, 1, 1))
+    positions[:, stored["moving_joints"]] = stored["moving_positions"]
+    return positions
+
+
+# --- which references for which test clip -------------------------------------------------------------------
+
+
+def choose_references(
+    tests: Sequence[str], references: Mapping[str, str | None], speakers: Mapping[str, str | None], config: Config
+) -> dict[str, tuple[str, ...]]:
+    """The reference clips of each test clip, by `references.mode`.
+
+    references : name -> speaker; speakers : test name -> speaker. `per_test_clip` (the paper's) and `k` draw
+    without replacement from the run seed over the sorted test names, reshuffling when the clips run out.
+    """
+    names = sorted(references)
+    mode = config.references.mode
+    if mode == "all":
+        return {test: tuple(names) for test in sorted(tests)}
+    if mode == "list":
+        return _pinned(tests, names, Path(config.references.list_file))
+    if mode == "speaker":
+        return {test: _of_speaker(test, speakers.get(test), references) for test in sorted(tests)}
+    k = config.references.k if mode == "k" else 1
+    if k > len(names):
+        raise ConfigError(f"references.k: found {k}, but there are only {len(names)} reference clips")
+    rng = generator(config.seed, "references")
+    deck: list[str] = []
+    chosen = {}
+    for test in sorted(tests):
+        hand: list[str] = []
+        while len(hand) < k:
+            if not any(name not in hand for name in deck):
+                deck = [names[n] for n in rng.permutation(len(names))]
+            hand.append(deck.pop(next(n for n, name in enumerate(deck) if name not in hand)))
+        chosen[test] = tuple(sorted(hand))
+    return chosen
+
+
+def _of_speaker(test: str, speaker: str | None, references: Mapping[str, str | None]) -> tuple[str, ...]:
+    if speaker is None:
+        raise DataError(
+            f"clip {test}: no speaker in metadata.csv, which references.mode `speaker` needs; use another mode"
+        )
+    same = tuple(sorted(name for name, other in references.items() if other == speaker))
+    if not same:
+        raise DataError(f"clip {test}: no reference clip of speaker {speaker}; use another references.mode")
+    return same
+
+
+def _pinned(tests: Sequence[str], names: Sequence[str], path: Path) -> dict[str, tuple[str, ...]]:
+    pins = read_yaml(path)
+    if not isinstance(pins, dict):
+        raise ConfigError(f"{path}: expected `test clip: reference clip` lines, or a list of reference clips")
+    chosen = {}
+    for test in sorted(tests):
+        pinned = pins.get(test, pins.get(test.removesuffix(f"_{AGENT}")))
+        pinned = [pinned] if isinstance(pinned, str) else pinned
+        if not isinstance(pinned, list) or not pinned or not all(isinstance(name, str) for name in pinned):
+            raise ConfigError(f"{path}: test clip {test} is given no reference; add a line `{test}: reference clip`")
+        hand = []
+        for name in pinned:
+            full = name if name in names else f"{name}_{AGENT}"
+            if full not in names:
+                raise ConfigError(f"{path}: {name!r}, pinned to {test}, is no reference clip (missing or blacklisted)")
+            hand.append(full)
+        chosen[test] = tuple(dict.fromkeys(hand))
+    return chosen

@@ -1,0 +1,111 @@
+"""Continuity analysis (§4.1.2): which pairs of frames are close enough for a transition.
+
+Pairs are selected with blocked float32 matrix products, whose error is bounded and added as slack, and
+confirmed in float64 from the same float32 positions. The edge set is therefore exactly the definition's,
+whatever the block size, the number of threads or the machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gesturegen.config import Continuity
+from gesturegen.graph import _kernels
+
+# Of a block of the N x N comparison; small enough to stay in the cache's neighbourhood, memory is 5 bytes each.
+_BLOCK_PAIRS = 8_000_000
+_UNIT_ROUNDOFF = float(np.finfo(np.float32).eps) / 2
+
+
+def segment_ends(segment_starts: np.ndarray, n_frames: int) -> np.ndarray:
+    """Last frames `[shape=(S,)]` of the segments."""
+    return np.append(segment_starts[1:], n_frames) - 1
+
+
+def spread(values: np.ndarray, segment_starts: np.ndarray, n_frames: int) -> np.ndarray:
+    """One value per segment `[shape=(S,)]`, repeated for each of its frames `[shape=(T,)]`."""
+    return np.repeat(values, np.diff(np.append(segment_starts, n_frames)))
+
+
+def flatten(positions: np.ndarray) -> np.ndarray:
+    """Poses `[shape=(T, J * 3)]` float64 of stored positions `[shape=(T, J, 3)]`."""
+    return np.ascontiguousarray(positions.reshape(len(positions), -1), dtype=np.float64)
+
+
+def velocities(poses: np.ndarray, segment_starts: np.ndarray) -> np.ndarray:
+    """Backward differences `[shape=(T, D)]` per frame inside each segment.
+
+    The first frame of a segment copies the second's velocity; a segment of one frame has velocity 0.
+    """
+    out = np.zeros_like(poses)
+    out[1:] = np.diff(poses, axis=0)
+    ends = segment_ends(segment_starts, len(poses))
+    longer = ends > segment_starts
+    out[segment_starts[longer]] = out[segment_starts[longer] + 1]
+    out[segment_starts[~longer]] = 0.0
+    return out
+
+
+def pose_distances(
+    positions: np.ndarray, segment_starts: np.ndarray, lefts, rights, settings: Continuity
+) -> np.ndarray:
+    """d(l, r) `[shape=(K,)]` of pairs of frames: lambda_pos ||p_l - p_r|| + lambda_vel ||v_l - v_r||."""
+    poses = flatten(positions)
+    speeds = velocities(poses, segment_starts)
+    return np.array(
+        [
+            _kernels.distance(poses[a], poses[b], speeds[a], speeds[b], settings.lambda_pos, settings.lambda_vel)
+            for a, b in zip(lefts, rights, strict=True)
+        ]
+    )
+
+
+def thresholds(poses: np.ndarray, speeds: np.ndarray, segment_starts: np.ndarray, settings: Continuity) -> np.ndarray:
+    """The dynamic threshold of each frame `[shape=(T,)]`: its mean distance to the next `l_cn` frames.
+
+    Fewer at a segment's end; NaN for a segment's last frame, which has no unnatural edge.
+    """
+    ends = spread(segment_ends(segment_starts, len(poses)), segment_starts, len(poses))
+    return _kernels.thresholds(poses, speeds, ends, settings.l_cn, settings.lambda_pos, settings.lambda_vel)
+
+
+def candidate_blocks(
+    poses: np.ndarray, speeds: np.ndarray, limits: np.ndarray, settings: Continuity, block_pairs: int = _BLOCK_PAIRS
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Candidate pairs in ascending (left, right) order, in blocks: lefts, rights, distances, each `[shape=(K,)]`.
+
+    A candidate of l is every r not in {l, l + 1} with d(l, r) < threshold(l), over all segments.
+    """
+    near_poses, near_speeds = _Preselection(poses), _Preselection(speeds)
+    rows = max(1, block_pairs // len(poses))
+    for first in range(0, len(poses), rows):
+        lefts = slice(first, min(first + rows, len(poses)))
+        limit = np.nan_to_num(limits[lefts], nan=-1.0)
+        # Each term alone must stay below the limit: a bound that two products and two comparisons give.
+        mask = near_poses.within(lefts, limit, settings.lambda_pos)
+        mask &= near_speeds.within(lefts, limit, settings.lambda_vel)
+        yield _kernels.confirm(first, mask, poses, speeds, limits, settings.lambda_pos, settings.lambda_vel)
+
+
+class _Preselection:
+    """Pairs whose Euclidean distance may be below a limit, from float32 products with a proven slack."""
+
+    def __init__(self, points: np.ndarray):
+        centred = points - points.mean(axis=0)
+        self.points = centred.astype(np.float32)
+        self.squares = np.einsum("ij,ij->i", centred, centred)
+        # Rounding the inputs, a dot product of D terms in any order and the sum, each relative to the norms.
+        norm = np.sqrt(self.squares.max())
+        self.slack = 2.0 * (points.shape[1] + 8) * _UNIT_ROUNDOFF * (2.0 * norm) ** 2
+
+    def within(self, lefts: slice, limits: np.ndarray, weight: float) -> np.ndarray:
+        """bool `[shape=(L, T)]`: False only where `weight` times the distance is at least the left's limit."""
+        if weight == 0.0:
+            return np.broadcast_to(limits[:, None] > 0, (len(limits), len(self.points))).copy()
+        reach = np.where(limits > 0, (limits / weight) ** 2 + self.slack, -np.inf)
+        # ||a - b||^2 < reach  <=>  a . b > (||a||^2 + ||b||^2 - reach) / 2, and both sides fit float32 with the slack.
+        products = self.points[lefts] @ self.points.T
+        products -= (0.5 * self.squares).astype(np.float32)
+        return products > (0.5 * (self.squares[lefts] - reach)).astype(np.float32)[:, None]

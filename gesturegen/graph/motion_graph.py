@@ -1,0 +1,219 @@
+"""The motion graph as parallel arrays, its construction and its file format."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from gesturegen import files
+from gesturegen.clips import Reference, check_settings, select_joints
+from gesturegen.config import Config, Continuity
+from gesturegen.errors import DataError
+from gesturegen.graph import continuity, pruning
+from gesturegen.keynodes import KeyNodes, of_references
+from gesturegen.motion import kinematics
+from gesturegen.motion.skeleton import read_only
+
+FORMAT_VERSION = 1
+# Everything a stored graph depends on beyond its clips.
+_SETTINGS = (
+    "fps", "joints", "positions", "continuity", "onsets", "keywords.words", "wrists", "exclude", "breaks",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class MotionGraph:
+    """Nodes are the frames of the reference clips, one clip after the other; edges are in CSR form.
+
+    positions : float32 [shape=(N, J, 3)], as used for distances; joint_names : the J joints
+    clip_names : the C reference clips; clip_starts : int [shape=(C,)], their first nodes
+    source_frames : int [shape=(N,)], each node's frame in its recording
+    segment_starts : int [shape=(S,)], first nodes of the uninterrupted stretches
+    indptr : int [shape=(N + 1,)], indices : int [shape=(E,)], ascending in each row
+    weights : float32 [shape=(E,)], 0 for natural edges; natural : bool [shape=(E,)]
+    thresholds : float [shape=(N,)], NaN where there is none; key_nodes : onset, keyword and break nodes
+    """
+
+    positions: np.ndarray
+    joint_names: tuple[str, ...]
+    fps: float
+    clip_names: tuple[str, ...]
+    clip_starts: np.ndarray
+    source_frames: np.ndarray
+    segment_starts: np.ndarray
+    indptr: np.ndarray
+    indices: np.ndarray
+    weights: np.ndarray
+    natural: np.ndarray
+    thresholds: np.ndarray
+    key_nodes: KeyNodes
+
+    def __post_init__(self):
+        nodes, edges = len(self.positions), len(self.indices)
+        if len(self.indptr) != nodes + 1 or self.indptr[-1] != edges or len(self.weights) != edges:
+            raise ValueError("the edges of the graph do not fit its nodes")
+        for name in (
+            "positions", "clip_starts", "source_frames", "segment_starts", "indptr", "indices", "weights",
+            "natural", "thresholds",
+        ):  # fmt: skip
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    @property
+    def n_nodes(self) -> int:
+        return len(self.positions)
+
+    @cached_property
+    def segment_ends(self) -> np.ndarray:
+        """Last nodes `[shape=(S,)]` of the segments."""
+        return continuity.segment_ends(self.segment_starts, self.n_nodes)
+
+    @cached_property
+    def successors(self) -> np.ndarray:
+        """The natural successor of each node `[shape=(N,)]`; a segment's last node is its own."""
+        after = np.arange(1, self.n_nodes + 1)
+        after[self.segment_ends] = self.segment_ends
+        return after
+
+    def children(self, node: int) -> np.ndarray:
+        return self.indices[self.indptr[node] : self.indptr[node + 1]]
+
+    def stop_nodes(self, keyword: str | None) -> np.ndarray:
+        """bool `[shape=(N,)]`: nodes at which a piece may end (§4.2.2).
+
+        Nodes of exactly `keyword`; without one, onset nodes and the last nodes of segments.
+        """
+        stops = np.zeros(self.n_nodes, dtype=bool)
+        if keyword is not None:
+            stops[self.key_nodes.frames[self.key_nodes.keywords == keyword]] = True
+        else:
+            stops[self.key_nodes.frames[self.key_nodes.kinds == "onset"]] = True
+            stops[self.segment_ends] = True
+        return stops
+
+    def distances(self, lefts, rights, settings: Continuity) -> np.ndarray:
+        """Pose distances `[shape=(K,)]` of pairs of nodes."""
+        return continuity.pose_distances(self.positions, self.segment_starts, lefts, rights, settings)
+
+
+def build(references: Sequence[Reference], config: Config, block_pairs: int | None = None) -> MotionGraph:
+    """The motion graph of one or several references with the same skeleton (§4.1).
+
+    Raises DataError when the skeletons differ.
+    """
+    first = references[0]
+    for other in references[1:]:
+        difference = first.motion.skeleton.difference(other.motion.skeleton)
+        if difference:
+            raise DataError(
+                f"clips {first.name} and {other.name} cannot share a graph: {difference}; choose clips of one skeleton"
+            )
+    joints, _ = select_joints(first.motion.skeleton, config)
+    pelvis = first.motion.skeleton.pelvis(config.positions.root_joint)
+    positions = np.concatenate(
+        [kinematics.relative_positions(r.motion, joints, pelvis, config.positions.relative_to) for r in references]
+    )
+    clip_starts = np.cumsum([0, *(r.motion.n_frames for r in references[:-1])])
+    segment_starts = np.concatenate(
+        [r.segment_starts + start for r, start in zip(references, clip_starts, strict=True)]
+    )
+    return from_positions(
+        (positions * config.positions.scale).astype(np.float32),
+        segment_starts,
+        config.continuity,
+        joint_names=tuple(first.motion.skeleton.names[j] for j in joints),
+        fps=first.motion.fps,
+        clip_names=tuple(r.name for r in references),
+        clip_starts=clip_starts,
+        source_frames=np.concatenate([r.source_frames for r in references]),
+        key_nodes=of_references(references, config.keywords.words),
+        block_pairs=block_pairs,
+    )
+
+
+def from_positions(
+    positions: np.ndarray, segment_starts: np.ndarray, settings: Continuity, block_pairs: int | None = None, **described
+) -> MotionGraph:
+    """The graph of stored float32 `positions` `[shape=(N, J, 3)]`, which alone define its edges."""
+    nodes = len(positions)
+    poses = continuity.flatten(positions)
+    speeds = continuity.velocities(poses, segment_starts)
+    limits = continuity.thresholds(poses, speeds, segment_starts, settings)
+    options = {} if block_pairs is None else {"block_pairs": block_pairs}
+    parts = []
+    for lefts, rights, weights in continuity.candidate_blocks(poses, speeds, limits, settings, **options):
+        keep = pruning.thin_runs(lefts, rights, segment_starts, nodes, settings.l_pn)
+        parts.append((lefts[keep], rights[keep], weights[keep]))
+    lefts, rights, weights = (np.concatenate(column) for column in zip(*parts, strict=True))
+    keep = pruning.drop_neighbours(lefts, rights, segment_starts, nodes, settings.l_pn)
+    natural_lefts = np.setdiff1d(np.arange(nodes), continuity.segment_ends(segment_starts, nodes))
+    lefts = np.concatenate([natural_lefts, lefts[keep]])
+    rights = np.concatenate([natural_lefts + 1, rights[keep]])
+    weights = np.concatenate([np.zeros(len(natural_lefts)), weights[keep]])
+    order = np.lexsort((rights, lefts))
+    return MotionGraph(
+        positions=positions,
+        segment_starts=segment_starts,
+        indptr=np.concatenate([[0], np.cumsum(np.bincount(lefts, minlength=nodes))]),
+        indices=rights[order],
+        weights=weights[order].astype(np.float32),
+        natural=(order < len(natural_lefts)),
+        thresholds=limits,
+        **described,
+    )
+
+
+def save(path: str | Path, graph: MotionGraph, config: Config) -> None:
+    """Store a graph as `.npz` (README, file formats)."""
+    files.write_arrays(
+        path,
+        {
+            "format_version": np.array(FORMAT_VERSION),
+            "config": np.array(config.section_json(*_SETTINGS)),
+            "positions": graph.positions,
+            "joint_names": np.array(graph.joint_names),
+            "fps": np.array(graph.fps),
+            "clip_names": np.array(graph.clip_names),
+            "clip_starts": graph.clip_starts,
+            "source_frames": graph.source_frames,
+            "segment_starts": graph.segment_starts,
+            "indptr": graph.indptr,
+            "indices": graph.indices,
+            "weights": graph.weights,
+            "natural": graph.natural,
+            "thresholds": graph.thresholds,
+            "key_frames": graph.key_nodes.frames,
+            "key_kinds": graph.key_nodes.kinds,
+            "key_words": graph.key_nodes.keywords,
+        },
+    )
+
+
+def load(path: str | Path, config: Config | None = None) -> MotionGraph:
+    """Read a stored graph; DataError when it is missing, damaged or, given a config, made with other settings."""
+    path = Path(path)
+    if not path.is_file():
+        raise DataError(f"{path}: this graph has not been built; run `gesturegen build-graph` first")
+    stored = files.read_arrays(path)
+    try:
+        if stored["format_version"] != FORMAT_VERSION:
+            raise DataError(
+                f"{path}: format {stored['format_version']}, this version reads {FORMAT_VERSION}; run build-graph again"
+            )
+        if config is not None:
+            check_settings(path, str(stored["config"]), config.section_json(*_SETTINGS), "build-graph")
+        return MotionGraph(
+            **{name: stored[name] for name in (
+                "positions", "clip_starts", "source_frames", "segment_starts", "indptr", "indices", "weights",
+                "natural", "thresholds",
+            )},
+            joint_names=tuple(map(str, stored["joint_names"])),
+            fps=float(stored["fps"]),
+            clip_names=tuple(map(str, stored["clip_names"])),
+            key_nodes=KeyNodes(stored["key_frames"], stored["key_kinds"], stored["key_words"]),
+        )  # fmt: skip
+    except KeyError as error:
+        raise DataError(f"{path}: no array {error} in it; delete it and run build-graph again") from None

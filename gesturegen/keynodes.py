@@ -1,0 +1,104 @@
+"""Key nodes: where soft gesture units begin and end (§4.1.1), and their features (§4.2.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gesturegen.clips import Reference, Speech
+from gesturegen.config import Features
+from gesturegen.motion.skeleton import read_only
+from gesturegen.speech.keywords import keyword_frames
+
+ONSET, KEYWORD, BREAK = "onset", "keyword", "break"
+
+
+@dataclass(frozen=True, eq=False)
+class KeyNodes:
+    """Frames or graph nodes that split a motion or a speech into pieces, in ascending order, each once.
+
+    frames : int [shape=(K,)]; kinds : str [shape=(K,)], onset, keyword or break
+    keywords : str [shape=(K,)], empty where the kind is not keyword
+    """
+
+    frames: np.ndarray
+    kinds: np.ndarray
+    keywords: np.ndarray
+
+    def __post_init__(self):
+        if not len(self.frames) == len(self.kinds) == len(self.keywords):
+            raise ValueError("key nodes need as many kinds and keywords as frames")
+        for name in ("frames", "kinds", "keywords"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+
+def _merge(onsets: np.ndarray, words: tuple[np.ndarray, np.ndarray], breaks: np.ndarray) -> KeyNodes:
+    """One row per frame: keyword over onset over break."""
+    rows = {int(frame): (BREAK, "") for frame in breaks}
+    rows |= {int(frame): (ONSET, "") for frame in onsets}
+    rows |= {int(frame): (KEYWORD, str(word)) for frame, word in zip(*words, strict=True)}
+    frames = sorted(rows)
+    return KeyNodes(
+        np.array(frames, dtype=np.int64),
+        np.array([rows[frame][0] for frame in frames], dtype=str),
+        np.array([rows[frame][1] for frame in frames], dtype=str),
+    )
+
+
+def of_speech(speech: Speech, keywords: Mapping[str, str]) -> KeyNodes:
+    """Onset and keyword frames of a test speech; it has no breaks."""
+    words = keyword_frames(speech.words, keywords, speech.n_frames, speech.fps)
+    return _merge(speech.onset_frames, words, np.empty(0, dtype=int))
+
+
+def of_references(references: Sequence[Reference], keywords: Mapping[str, str]) -> KeyNodes:
+    """Key nodes of the frames of all references, numbered one clip after the other.
+
+    Onsets and keywords that fall on excluded frames are dropped; the last frame of every segment is a break.
+    """
+    parts, first = [], 0
+    for reference in references:
+        speech, kept = reference.speech, reference.source_frames
+        frames, words = keyword_frames(speech.words, keywords, speech.n_frames, speech.fps)
+        inside = np.isin(frames, kept)
+        onsets = speech.onset_frames[np.isin(speech.onset_frames, kept)]
+        breaks = np.append(reference.segment_starts[1:], len(kept)) - 1
+        nodes = _merge(np.searchsorted(kept, onsets), (np.searchsorted(kept, frames[inside]), words[inside]), breaks)
+        parts.append((nodes.frames + first, nodes.kinds, nodes.keywords))
+        first += len(kept)
+    return KeyNodes(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def features(
+    frames: np.ndarray, boundaries: np.ndarray, segment_starts: np.ndarray, segment_ends: np.ndarray, settings: Features
+) -> np.ndarray:
+    """Lengths in frames `[shape=(K, l_feat)]` of the natural pieces after each of `frames` `[shape=(K,)]`.
+
+    boundaries : the ascending frames of all key nodes; segment_starts, segment_ends : `[shape=(K,)]`, the
+    first frame of the segment a frame lies in and the boundary that closes it. Pieces stop at the
+    segment's end; beyond it lengths are 0. With `align: as_printed` the list starts one piece earlier,
+    as the formula of §4.2.3 is printed.
+    """
+    lengths = np.zeros((len(frames), settings.l_feat))
+    for row, (frame, start, end) in enumerate(zip(frames, segment_starts, segment_ends, strict=True)):
+        marks = boundaries[np.searchsorted(boundaries, frame, side="right") :][: settings.l_feat]
+        marks = np.unique(np.append(marks[marks < end], end))
+        marks = np.concatenate([[frame], marks[marks > frame]])
+        if settings.align == "as_printed":
+            before = boundaries[: np.searchsorted(boundaries, frame)]
+            marks = np.concatenate([[max(before[-1], start) if len(before) else start], marks])
+        pieces = np.diff(marks)[: settings.l_feat]
+        lengths[row, : len(pieces)] = pieces
+    return lengths
+
+
+def speech_features(key_nodes: KeyNodes, frames: np.ndarray, n_frames: int, settings: Features) -> np.ndarray:
+    """Features `[shape=(K, l_feat)]` of frames of a test speech, whose end counts as a boundary."""
+    return features(
+        frames, key_nodes.frames, np.zeros(len(frames), dtype=int), np.full(len(frames), n_frames), settings
+    )

@@ -1,0 +1,5 @@
+"""Methods choose frames: a module with `build(references, config)` and `search(library, speech, config, rng)`."""
+
+from gesturegen.methods import motion_graph
+
+METHODS = {"motion_graph": motion_graph}

@@ -1,0 +1,62 @@
+"""Gesture motion graphs (Zhao et al. 2023, §4): the published search, piece by piece."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gesturegen import keynodes
+from gesturegen.clips import Speech
+from gesturegen.config import Config
+from gesturegen.graph.motion_graph import MotionGraph, build
+from gesturegen.search import beam
+from gesturegen.search.fallback import StopNodes
+from gesturegen.search.path import Path, Piece, Target, Track
+from gesturegen.search.start_nodes import StartNodes, feature_distances, graph_features
+from gesturegen.search.termination import targets
+
+__all__ = ["build", "search"]
+
+
+def search(graph: MotionGraph, speech: Speech, config: Config, rng: np.random.Generator) -> Path:
+    """A path of graph nodes for a whole test speech (§4.2).
+
+    Each piece starts from the children of the previous winner's last node; the first one, one after a
+    winner without children and every retry start from key nodes by feature distance.
+    """
+    key_nodes = keynodes.of_speech(speech, config.keywords.words)
+    pieces: list[Piece] = []
+    candidates = graph_features(graph, config.features)
+    occurrences = np.zeros(len(graph.key_nodes))
+    cuts = targets(key_nodes, speech.n_frames)
+    starts = np.array([target.start_frame for target in cuts])
+    wanted = keynodes.speech_features(key_nodes, starts, speech.n_frames, config.features)
+    for target, feature in zip(cuts, wanted, strict=True):
+        distances = feature_distances(feature, candidates, occurrences, config.features)
+        piece = _search_piece(graph, target, pieces[-1] if pieces else None, distances, config, rng)
+        if piece is None:
+            return Path((Track(tuple(pieces)),), failure=target)
+        occurrences += np.isin(graph.key_nodes.frames, piece.nodes)
+        pieces.append(piece)
+    return Path((Track(tuple(pieces)),))
+
+
+def _search_piece(
+    graph: MotionGraph, target: Target, previous: Piece | None, distances: np.ndarray, config: Config, rng
+) -> Piece | None:
+    stop_nodes = StopNodes(graph, target.keyword, config.termination, rng)
+    start_nodes = StartNodes(graph, distances, config, rng)
+    last = int(previous.nodes[-1]) if previous else -1
+    children = graph.children(last) if previous else []
+    for retry in range(stop_nodes.last_retry + 1):
+        stops = stop_nodes.for_attempt(retry)
+        if retry == 0 and len(children):
+            natural = int(graph.successors[last])
+            nodes, cost = beam.search(graph, stops, children, target.length, config.beam, natural)
+        else:
+            nodes, cost = beam.search(graph, stops, start_nodes.next(), target.length, config.beam)
+        if nodes is not None:
+            return Piece(target, nodes, cost, retry, stop_nodes.fallback)
+    if not config.termination.fallbacks:
+        return None
+    held = last if previous else start_nodes.best
+    return Piece(target, np.full(target.length, held), 0.0, stop_nodes.last_retry, "repeat")

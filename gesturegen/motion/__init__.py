@@ -1,0 +1,1 @@
+"""Skeletons, rotations, kinematics, BVH files, cleaning and blending."""

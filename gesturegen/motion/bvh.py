@@ -1,0 +1,396 @@
+"""BVH files: read any dialect in the wild, refuse what is broken, write challenge-ready files.
+
+Conventions: rotation order is read per joint from CHANNELS and is intrinsic; a position channel replaces
+the joint's OFFSET; Euler angles and degrees exist only here.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+
+from gesturegen.errors import DataError
+from gesturegen.files import write_text
+from gesturegen.motion import rotation
+from gesturegen.motion.skeleton import Motion, Skeleton
+
+_AXES = {"x": 0, "y": 1, "z": 2}
+_CHANNEL_NAMES = {f"{axis}{kind}".lower(): f"{axis}{kind}" for axis in "XYZ" for kind in ("position", "rotation")}
+# A recording has less than this many centimetres or degrees; more means a broken exporter.
+_LARGEST_VALUE = 1e6
+_LARGEST_FRAME_TIME = 1.0
+
+
+def read(path: str | Path) -> Motion:
+    """Read a BVH file at its own frame rate.
+
+    The rate snaps to a whole number when the frame time is within 0.1 % of it (`.0083333` is 120 fps).
+    Raises DataError with the line for anything that is not a complete, finite BVH file.
+    """
+    path = Path(path)
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
+    text = _decode(path, raw)
+    header, body, body_line = _split(path, text)
+    skeleton = _Hierarchy(path, header).parse()
+    frame_time, values = _read_frames(path, body, body_line, skeleton)
+    return _to_motion(skeleton, values, _frames_per_second(frame_time))
+
+
+def write(path: str | Path, motion: Motion) -> None:
+    """Write `motion` in the hierarchy and channel order of its skeleton, six decimals, all or nothing."""
+    write_text(path, format_bvh(motion))
+
+
+def format_bvh(motion: Motion) -> str:
+    values = _to_channels(motion)
+    constant = np.ptp(values, axis=0) == 0
+    # Most columns never change (the non-root positions of GENEA files): format them once.
+    row = " ".join(f"{value:.6f}" if fixed else "%.6f" for value, fixed in zip(values[0], constant, strict=True))
+    lines = [row % tuple(frame) for frame in values[:, ~constant].tolist()]
+    head = f"MOTION\nFrames: {motion.n_frames}\nFrame Time: {1.0 / motion.fps:.6f}\n"
+    return motion.skeleton.hierarchy + head + "\n".join(lines) + "\n"
+
+
+def hierarchy_text(
+    names: list[str], parents: list[int], offsets: np.ndarray, end_sites: np.ndarray, channels: list[tuple[str, ...]]
+) -> str:
+    """The HIERARCHY section of a skeleton that was not read from a file."""
+    lines = ["HIERARCHY"]
+
+    def triple(vector) -> str:
+        return " ".join(f"{value:.6f}" for value in vector)
+
+    def add(joint: int, depth: int) -> None:
+        tab = "\t" * depth
+        lines.append(f"{tab}{'ROOT' if depth == 0 else 'JOINT'} {names[joint]}")
+        lines.append(f"{tab}{{")
+        lines.append(f"{tab}\tOFFSET {triple(offsets[joint])}")
+        lines.append(f"{tab}\tCHANNELS {len(channels[joint])} {' '.join(channels[joint])}")
+        for child in (j for j, parent in enumerate(parents) if parent == joint):
+            add(child, depth + 1)
+        if not np.isnan(end_sites[joint]).any():
+            lines.extend(
+                [f"{tab}\tEnd Site", f"{tab}\t{{", f"{tab}\t\tOFFSET {triple(end_sites[joint])}", f"{tab}\t}}"]
+            )
+        lines.append(f"{tab}}}")
+
+    add(0, 0)
+    return "\n".join(lines) + "\n"
+
+
+def _decode(path: Path, raw: bytes) -> str:
+    if not raw.strip():
+        raise DataError(f"{path}: the file is empty; copy it again from its source")
+    if b"\0" in raw:
+        raise DataError(f"{path}: binary data, not a BVH text file; check that it was exported as BVH")
+    if raw.startswith(b"version https://git-lfs"):
+        raise DataError(f"{path}: a Git LFS pointer, not the file itself; run `git lfs pull`")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")
+
+
+def _split(path: Path, text: str) -> tuple[list[str], str, int]:
+    """Hierarchy lines, the text after the line MOTION, and the line number at which that text starts."""
+    for marker in ("<<<<<<<", ">>>>>>>"):
+        found = re.search(rf"^{marker}", text, re.MULTILINE)
+        if found:
+            line = text.count("\n", 0, found.start()) + 1
+            raise DataError(f"{path}:{line}: merge conflict marker {marker!r}; resolve the conflict first")
+    found = re.search(r"^[ \t]*MOTION[ \t]*\r?$", text, re.MULTILINE)
+    if not found:
+        start = text.lstrip()[:9]
+        why = "the file is cut off inside its hierarchy" if start == "HIERARCHY" else f"it starts with {start!r}"
+        raise DataError(f"{path}: no MOTION section ({why}); a BVH file has HIERARCHY, then MOTION")
+    header = text[: found.start()].splitlines()
+    return header, text[found.end() :].lstrip("\r").removeprefix("\n"), text.count("\n", 0, found.end()) + 2
+
+
+class _Hierarchy:
+    """A line-by-line reader of the HIERARCHY section; braces may share a line with what they open."""
+
+    def __init__(self, path: Path, lines: list[str]):
+        self.path, self.lines = path, lines
+        self.names: list[str] = []
+        self.parents: list[int] = []
+        self.offsets: list[list[float]] = []
+        self.end_sites: list[list[float]] = []
+        self.channels: list[tuple[str, ...]] = []
+
+    def fail(self, line: int, message: str) -> DataError:
+        return DataError(f"{self.path}:{line}: {message}")
+
+    def parse(self) -> Skeleton:
+        stack: list[int | None] = []  # joint numbers; None inside an End Site
+        pending: int | str | None = "none"  # what the next brace opens
+        offset_seen: set[int] = set()
+        started = False
+        number = 0
+        for number, line in enumerate(self.lines, 1):
+            words = line.replace("{", " { ").replace("}", " } ").split()
+            if not words:
+                continue
+            if not started:
+                if words != ["HIERARCHY"]:
+                    raise self.fail(
+                        number, f"found {line.strip()[:40]!r} where HIERARCHY was expected; is this a BVH file?"
+                    )
+                started = True
+                continue
+            while words:
+                word, keyword = words[0], words[0].upper()
+                if word == "{":
+                    if pending == "none":
+                        raise self.fail(number, "a brace opens that belongs to no joint; check the hierarchy")
+                    stack.append(pending)
+                    pending = "none"
+                    words = words[1:]
+                elif word == "}":
+                    if not stack:
+                        raise self.fail(number, "one closing brace too many; check the hierarchy")
+                    stack.pop()
+                    words = words[1:]
+                elif keyword in ("ROOT", "JOINT"):
+                    name, words = self._until_brace(words[1:])
+                    pending = self._add_joint(number, keyword, name, stack)
+                elif keyword == "END":
+                    _, words = self._until_brace(words[1:])
+                    if not stack or stack[-1] is None:
+                        raise self.fail(number, "an End Site outside any joint; check the hierarchy")
+                    pending = None
+                elif keyword == "OFFSET":
+                    self._set_offset(number, words[1:4], stack, offset_seen)
+                    words = words[4:]
+                elif keyword == "CHANNELS":
+                    words = self._set_channels(number, words[1:], stack)
+                else:
+                    raise self.fail(
+                        number, f"unknown word {word!r} in the hierarchy; expected JOINT, OFFSET, CHANNELS or End Site"
+                    )
+        if stack or pending != "none" or not self.names:
+            raise self.fail(number, "the hierarchy ends before its braces close; the file is cut off or damaged")
+        for joint, name in enumerate(self.names):
+            if joint not in offset_seen:
+                raise self.fail(number, f"joint {name!r} has no OFFSET")
+        return Skeleton(
+            tuple(self.names),
+            np.array(self.parents),
+            np.array(self.offsets),
+            np.array(self.end_sites),
+            tuple(self.channels),
+            "\n".join(self.lines) + "\n",
+        )
+
+    @staticmethod
+    def _until_brace(words: list[str]) -> tuple[str, list[str]]:
+        end = words.index("{") if "{" in words else len(words)
+        return " ".join(words[:end]), words[end:]
+
+    def _add_joint(self, number: int, keyword: str, name: str, stack: list[int | None]) -> int:
+        if not name:
+            raise self.fail(number, f"{keyword} without a name")
+        if name in self.names:
+            raise self.fail(number, f"joint name {name!r} stands twice; rename one of the joints")
+        if keyword == "ROOT" and self.names:
+            raise self.fail(number, f"a second ROOT {name!r}; only one skeleton per file can be read")
+        if keyword == "JOINT" and (not stack or stack[-1] is None):
+            raise self.fail(number, f"JOINT {name!r} stands outside any joint; check the braces")
+        self.names.append(name)
+        self.parents.append(-1 if keyword == "ROOT" else stack[-1])
+        self.offsets.append([0.0, 0.0, 0.0])
+        self.end_sites.append([np.nan] * 3)
+        self.channels.append(())
+        return len(self.names) - 1
+
+    def _set_offset(self, number: int, words: list[str], stack: list, offset_seen: set[int]) -> None:
+        if not self.names or not stack:
+            raise self.fail(number, "OFFSET outside any joint; check the braces")
+        try:
+            offset = [float(word) for word in words]
+        except ValueError:
+            offset = []
+        if len(offset) != 3 or not np.isfinite(offset).all():
+            raise self.fail(number, f"OFFSET needs three numbers, found {' '.join(words)!r}")
+        if stack[-1] is None:
+            self.end_sites[stack[-2]] = offset
+        else:
+            self.offsets[stack[-1]] = offset
+            offset_seen.add(stack[-1])
+
+    def _set_channels(self, number: int, words: list[str], stack: list[int | None]) -> list[str]:
+        if not stack or stack[-1] is None:
+            raise self.fail(number, "CHANNELS outside any joint; check the braces")
+        if not words or not words[0].isdigit():
+            raise self.fail(number, f"CHANNELS needs a count, found {' '.join(words[:1])!r}")
+        count = int(words[0])
+        names = words[1 : 1 + count]
+        unknown = [name for name in names if name.lower() not in _CHANNEL_NAMES]
+        if len(names) < count or unknown:
+            what = f"unknown channel {unknown[0]!r}" if unknown else f"{len(names)} names"
+            raise self.fail(
+                number,
+                f"CHANNELS announces {count} channels, found {what}; allowed are {' '.join(_CHANNEL_NAMES.values())}",
+            )
+        channels = tuple(_CHANNEL_NAMES[name.lower()] for name in names)
+        rotations = "".join(name[0] for name in channels if name.endswith("rotation"))
+        if len(set(channels)) < count or len(rotations) == 2:
+            raise self.fail(
+                number, f"CHANNELS {' '.join(channels)} cannot be read: each channel once, and 0, 1 or 3 rotations"
+            )
+        self.channels[stack[-1]] = channels
+        return words[1 + count :]
+
+
+def _read_frames(path: Path, body: str, line: int, skeleton: Skeleton) -> tuple[float, np.ndarray]:
+    """The frame time in seconds and the channel values `[shape=(T, n_channels)]`."""
+    found = re.match(
+        r"\s*Frames[ \t]*:?[ \t]*(?P<frames>\S*)[ \t]*\r?\n\s*Frame[ \t]+Time[ \t]*:?[ \t]*(?P<time>\S*)[ \t]*\r?(?:\n|$)",
+        body,
+        re.I,
+    )
+    if not found:
+        raise DataError(
+            f"{path}:{line}: expected `Frames: N` and `Frame Time: seconds` after MOTION; the file is cut off or damaged"
+        )
+    frame_line = line + body.count("\n", 0, found.start("frames"))
+    time_line = line + body.count("\n", 0, found.start("time"))
+    if not re.fullmatch(r"\d+", found["frames"]) or int(found["frames"]) == 0:
+        raise DataError(f"{path}:{frame_line}: `Frames: {found['frames']}` is not a number of frames of at least 1")
+    frame_time = _number(found["time"])
+    if frame_time is None or not 0.0 < frame_time <= _LARGEST_FRAME_TIME:
+        raise DataError(
+            f"{path}:{time_line}: `Frame Time: {found['time']}` is not a time between 0 and {_LARGEST_FRAME_TIME:g} s"
+        )
+    declared = int(found["frames"])
+    first_line = line + body.count("\n", 0, found.end())
+    rows = body[found.end() :]
+    count = sum(1 for row in rows.splitlines() if row.strip())
+    width = skeleton.n_channels
+    try:
+        values = (
+            np.loadtxt(io.StringIO(rows), dtype=np.float64, ndmin=2, comments=None) if count else np.empty((0, width))
+        )
+        fine = values.shape == (count, width) and np.isfinite(values).all()
+    except ValueError:
+        fine = False
+    if not fine:
+        _find_bad_row(path, rows, first_line, skeleton, declared)
+    if count != declared:
+        what = "the file is cut off" if count < declared else "the count is wrong or two files were joined"
+        raise DataError(f"{path}:{frame_line}: `Frames: {declared}` but {count} rows of values follow; {what}")
+    large = np.argwhere(np.abs(values) > _LARGEST_VALUE)
+    if len(large):
+        row, column = large[0]
+        raise DataError(
+            f"{path}: frame {row}, {_column_name(skeleton, column)}: {values[row, column]:g} is not a plausible value"
+        )
+    return frame_time, values
+
+
+def _find_bad_row(path: Path, rows: str, first_line: int, skeleton: Skeleton, declared: int) -> None:
+    """Raise DataError for the first row that is short, long or holds something that is no finite number."""
+    width = skeleton.n_channels
+    lines = rows.splitlines()
+    filled = [number for number, row in enumerate(lines) if row.strip()]
+    for number in filled:
+        words = lines[number].split()
+        where = f"{path}:{first_line + number}"
+        bad = next(
+            (
+                column
+                for column, word in enumerate(words[:width])
+                if (value := _number(word)) is None or not np.isfinite(value)
+            ),
+            None,
+        )
+        if bad is not None and not (number == filled[-1] and len(words) < width and bad == len(words) - 1):
+            raise DataError(
+                f"{where}: column {bad + 1} ({_column_name(skeleton, bad)}) is {words[bad][:30]!r}, not a finite number"
+            )
+        if len(words) != width:
+            cut = number == filled[-1] and len(filled) <= declared and len(words) < width
+            what = "the file is cut off" if cut else "every row needs one value per channel"
+            raise DataError(f"{where}: {len(words)} values where the hierarchy has {width} channels; {what}")
+    raise DataError(f"{path}: the frames cannot be read as numbers; the file is damaged")
+
+
+def _number(word: str) -> float | None:
+    try:
+        return float(word)
+    except ValueError:
+        return None
+
+
+def _column_name(skeleton: Skeleton, column: int) -> str:
+    names = [
+        f"{joint} {channel}"
+        for joint, channels in zip(skeleton.names, skeleton.channels, strict=True)
+        for channel in channels
+    ]
+    return names[column]
+
+
+def _frames_per_second(frame_time: float) -> float:
+    whole = round(1.0 / frame_time)
+    return float(whole) if abs(frame_time * whole - 1.0) < 1e-3 else 1.0 / frame_time
+
+
+def _rotation_order(channels: tuple[str, ...]) -> str:
+    return "".join(name[0] for name in channels if name.endswith("rotation"))
+
+
+def _columns(skeleton: Skeleton):
+    """Per joint: its number, position columns [(column, axis)], rotation columns and rotation order."""
+    column = 0
+    for joint, channels in enumerate(skeleton.channels):
+        positions = [
+            (column + k, _AXES[name[0].lower()]) for k, name in enumerate(channels) if name.endswith("position")
+        ]
+        rotations = [column + k for k, name in enumerate(channels) if name.endswith("rotation")]
+        yield joint, positions, rotations, _rotation_order(channels)
+        column += len(channels)
+
+
+def _to_motion(skeleton: Skeleton, values: np.ndarray, fps: float) -> Motion:
+    frames, joints = len(values), len(skeleton.names)
+    rotations = np.tile(rotation.IDENTITY, (frames, joints, 1))
+    positions = np.tile(skeleton.offsets, (frames, 1, 1))
+    by_order: dict[str, tuple[list[int], list[list[int]]]] = {}
+    for joint, position_columns, rotation_columns, order in _columns(skeleton):
+        for column, axis in position_columns:
+            positions[:, joint, axis] = values[:, column]
+        if order:
+            joints_of, columns_of = by_order.setdefault(order, ([], []))
+            joints_of.append(joint)
+            columns_of.append(rotation_columns)
+    for order, (joints_of, columns_of) in by_order.items():
+        rotations[:, joints_of] = rotation.from_euler(order, np.radians(values[:, columns_of]))
+    return Motion(skeleton, rotations, positions, fps)
+
+
+def _to_channels(motion: Motion) -> np.ndarray:
+    """Channel values `[shape=(T, n_channels)]`; a joint with one rotation channel keeps that axis's share."""
+    skeleton = motion.skeleton
+    values = np.zeros((motion.n_frames, skeleton.n_channels))
+    by_order: dict[str, tuple[list[int], list[list[int]]]] = {}
+    for joint, position_columns, rotation_columns, order in _columns(skeleton):
+        for column, axis in position_columns:
+            values[:, column] = motion.positions[:, joint, axis]
+        if order:
+            full = order if len(order) == 3 else order + "".join(axis for axis in "XYZ" if axis not in order)
+            joints_of, columns_of = by_order.setdefault(full, ([], []))
+            joints_of.append(joint)
+            columns_of.append(rotation_columns)
+    for order, (joints_of, columns_of) in by_order.items():
+        angles = np.degrees(rotation.to_euler(order, motion.rotations[:, joints_of]))
+        for k, columns in enumerate(columns_of):
+            values[:, columns] = angles[:, k, : len(columns)]
+    # "-0.000000" in one frame and "0.000000" in the next would be a difference without a meaning.
+    return np.round(values, 6) + 0.0

@@ -1,0 +1,66 @@
+"""Forward kinematics: where the joints are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gesturegen.motion import rotation
+from gesturegen.motion.skeleton import Motion, Skeleton
+
+
+def world_transforms(motion: Motion, joints: list[int] | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """World rotations `[shape=(T, K, 4)]` and positions `[shape=(T, K, 3)]` of `joints` (all by default).
+
+    Every ancestor is evaluated on the full skeleton; joints are selected afterwards (§3).
+    """
+    skeleton = motion.skeleton
+    joints = list(range(len(skeleton.names))) if joints is None else list(joints)
+    rotations: dict[int, np.ndarray] = {}
+    positions: dict[int, np.ndarray] = {}
+    for joint in _with_ancestors(skeleton, joints):
+        parent = int(skeleton.parents[joint])
+        if parent < 0:
+            rotations[joint] = np.asarray(motion.rotations[:, joint], dtype=np.float64)
+            positions[joint] = np.asarray(motion.positions[:, joint], dtype=np.float64)
+        else:
+            rotations[joint] = rotation.multiply(rotations[parent], motion.rotations[:, joint])
+            positions[joint] = positions[parent] + rotation.rotate(rotations[parent], motion.positions[:, joint])
+    return (
+        np.stack([rotations[j] for j in joints], axis=1),
+        np.stack([positions[j] for j in joints], axis=1),
+    )
+
+
+def joint_positions(motion: Motion, joints: list[int] | None = None) -> np.ndarray:
+    """World positions `[shape=(T, K, 3)]` of `joints` in file units."""
+    return world_transforms(motion, joints)[1]
+
+
+def _with_ancestors(skeleton: Skeleton, joints: list[int]) -> list[int]:
+    needed: set[int] = set()
+    for joint in joints:
+        while joint >= 0 and joint not in needed:
+            needed.add(joint)
+            joint = int(skeleton.parents[joint])
+    return sorted(needed)
+
+
+def travelling_joint(motion: Motion) -> int:
+    """The first joint whose position channels vary (`body_world` in GENEA data), else the root."""
+    return next((int(j) for j in np.flatnonzero(np.ptp(motion.positions, axis=0).max(axis=-1) > 1e-6)), 0)
+
+
+def relative_positions(motion: Motion, joints: list[int], pelvis: int, relative_to: str) -> np.ndarray:
+    """World positions `[shape=(T, K, 3)]` of `joints` seen from the pelvis.
+
+    `world`: as they are; `root`: minus the pelvis's position, heading kept; `root_heading`: turned by the
+    pelvis's heading as well, so that the direction the speaker faces does not count.
+    """
+    rotations, positions = world_transforms(motion, [*joints, pelvis])
+    if relative_to == "world":
+        return positions[:, :-1]
+    centred = positions[:, :-1] - positions[:, -1:]
+    if relative_to == "root":
+        return centred
+    turn = rotation.about_y(-rotation.heading(rotations[:, -1]))
+    return rotation.rotate(turn[:, None], centred)

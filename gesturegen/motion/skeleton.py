@@ -1,0 +1,130 @@
+"""The two types that carry motion: `Skeleton` and `Motion`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+
+import numpy as np
+
+from gesturegen.errors import DataError
+
+
+def read_only(array: np.ndarray) -> np.ndarray:
+    """A view of `array` that cannot be written through."""
+    view = np.asarray(array).view()
+    view.setflags(write=False)
+    return view
+
+
+@dataclass(frozen=True, eq=False)
+class Skeleton:
+    """A joint hierarchy as a BVH file declares it, parents before children.
+
+    names : joint names in file order
+    parents : int [shape=(J,)], -1 for the root
+    offsets : float [shape=(J, 3)], OFFSET of every joint in file units (centimetres in GENEA data)
+    end_sites : float [shape=(J, 3)], OFFSET of the joint's End Site, NaN where it has none
+    channels : per joint, its channel names in file order, such as `("Xposition", ..., "Yrotation")`
+    hierarchy : the text from HIERARCHY up to MOTION as read, so that writing repeats it to the letter
+    """
+
+    names: tuple[str, ...]
+    parents: np.ndarray
+    offsets: np.ndarray
+    end_sites: np.ndarray
+    channels: tuple[tuple[str, ...], ...]
+    hierarchy: str
+
+    def __post_init__(self):
+        joints = len(self.names)
+        for name, shape in (("parents", (joints,)), ("offsets", (joints, 3)), ("end_sites", (joints, 3))):
+            array = read_only(getattr(self, name))
+            if array.shape != shape:
+                raise ValueError(f"skeleton {name} has shape {array.shape}, expected {shape}")
+            object.__setattr__(self, name, array)
+        if joints == 0 or self.parents[0] != -1 or any(p < 0 or p >= j for j, p in enumerate(self.parents) if j):
+            raise ValueError("skeleton joints must start with the root and list parents before children")
+
+    @property
+    def n_channels(self) -> int:
+        return sum(len(channels) for channels in self.channels)
+
+    def index(self, name: str) -> int:
+        """The number of the joint called `name`; DataError naming the nearest one when there is none."""
+        try:
+            return self.names.index(name)
+        except ValueError:
+            near = get_close_matches(name, self.names, n=1, cutoff=0.4)
+            hint = f", nearest is {near[0]!r}" if near else ""
+            raise DataError(f"the skeleton has no joint {name!r}{hint}; it has: {', '.join(self.names)}") from None
+
+    def children(self, joint: int) -> list[int]:
+        return [j for j, parent in enumerate(self.parents) if parent == joint]
+
+    def descendants(self, joint: int) -> list[int]:
+        """All joints below `joint`, in file order."""
+        below = {joint}
+        for j, parent in enumerate(self.parents):
+            if parent in below:
+                below.add(j)
+        return sorted(below - {joint})
+
+    def pelvis(self, name: str) -> int:
+        """The joint called `name`, else the first joint from the root down where the hierarchy branches."""
+        if name in self.names:
+            return self.names.index(name)
+        joint = 0
+        while len(below := self.children(joint)) == 1:
+            joint = below[0]
+        return joint
+
+    def difference(self, other: Skeleton) -> str | None:
+        """What differs between two skeletons in words, None when joints, offsets and channels are equal.
+
+        Offsets may differ by 1e-4 units: files round them differently.
+        """
+        if self.names != other.names:
+            if len(self.names) != len(other.names):
+                return f"{len(self.names)} joints against {len(other.names)}"
+            first = next(j for j, (a, b) in enumerate(zip(self.names, other.names, strict=True)) if a != b)
+            return f"joint {first} is {self.names[first]!r} against {other.names[first]!r}"
+        for j, name in enumerate(self.names):
+            if self.parents[j] != other.parents[j]:
+                return f"joint {name!r} has another parent"
+            if self.channels[j] != other.channels[j]:
+                return f"joint {name!r} has channels {' '.join(self.channels[j])} against {' '.join(other.channels[j])}"
+            if np.abs(self.offsets[j] - other.offsets[j]).max() > 1e-4:
+                return f"joint {name!r} has OFFSET {self.offsets[j]} against {other.offsets[j]}"
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Local rotations and positions of every joint in every frame.
+
+    rotations : float [shape=(T, J, 4)], unit quaternions wxyz, child to parent
+    positions : float [shape=(T, J, 3)], local positions; a position channel replaces the OFFSET
+    fps : frames per second
+    """
+
+    skeleton: Skeleton
+    rotations: np.ndarray
+    positions: np.ndarray
+    fps: float
+
+    def __post_init__(self):
+        frames, joints = len(self.rotations), len(self.skeleton.names)
+        for name, width in (("rotations", 4), ("positions", 3)):
+            array = read_only(getattr(self, name))
+            if array.shape != (frames, joints, width):
+                raise ValueError(f"motion {name} has shape {array.shape}, expected {(frames, joints, width)}")
+            object.__setattr__(self, name, array)
+
+    @property
+    def n_frames(self) -> int:
+        return len(self.rotations)
+
+    def take(self, frames) -> Motion:
+        """The frames named by an index array or slice, as a motion of their own."""
+        return replace(self, rotations=self.rotations[frames], positions=self.positions[frames])

@@ -1,0 +1,210 @@
+"""From a `Path` of graph nodes to motion: the one renderer that all methods share (§4.2.4).
+
+Order: take the reference frames of the nodes; keep the root from jumping; with `inertialize`, let the
+offsets at jumps decay; resample every piece to its length; with `crossfade`, blend the joins.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gesturegen.clips import Reference
+from gesturegen.config import Config
+from gesturegen.graph.motion_graph import MotionGraph
+from gesturegen.motion import blend, cleanup, kinematics, rotation
+from gesturegen.motion.skeleton import Motion
+from gesturegen.search.path import Path, Piece
+
+
+@dataclass(frozen=True)
+class _Steps:
+    """How each node follows the one before it: bool `[shape=(n,)]`; the first is neither."""
+
+    hold: np.ndarray
+    jump: np.ndarray
+
+
+def render(path: Path, references: Sequence[Reference], graph: MotionGraph, config: Config) -> Motion:
+    """The motion of a complete path: exactly as many frames as its targets have, at the graph's rate.
+
+    references : those of the graph, in its order. All joints of the skeleton move, so that fingers follow
+    their arm, unless `fingers: rest`.
+    """
+    pieces = path.tracks[0].pieces
+    nodes = np.concatenate([piece.nodes for piece in pieces])
+    recorded = _Recorded(references, graph)
+    source = recorded.take(nodes)
+    before = nodes[:-1]
+    hold = np.append(False, nodes[1:] == before)
+    steps = _Steps(hold, np.append(False, (nodes[1:] != graph.successors[before]) & (nodes[1:] != before)))
+    successors = recorded.take(graph.successors[nodes])
+    if config.root.mode == "return":
+        source, successors = _steady_root(source, successors, steps, references, config)
+    rotations, positions = source.rotations.copy(), source.positions.copy()
+    if config.blend.method == "inertialize":
+        _inertialize(rotations, positions, successors, steps, config)
+    motion = _resample(replace(source, rotations=rotations, positions=positions), pieces, config.resample)
+    rotations, positions = motion.rotations.copy(), motion.positions.copy()
+    if config.blend.method == "crossfade":
+        _crossfade_joins(rotations, positions, pieces, graph, config)
+    if config.fingers == "rest":
+        rotations[:, _fingers(motion, config)] = rotation.IDENTITY
+    return replace(motion, rotations=rotation.normalize(rotations), positions=positions)
+
+
+def source_indices(piece: Piece) -> np.ndarray:
+    """Fractional indices `[shape=(length,)]` into a piece's nodes, evenly placed over its target's frames."""
+    return np.linspace(0.0, len(piece.nodes) - 1.0, piece.target.length)
+
+
+class _Recorded:
+    """The reference frames by graph node."""
+
+    def __init__(self, references: Sequence[Reference], graph: MotionGraph):
+        self.references, self.starts = references, graph.clip_starts
+
+    def take(self, nodes: np.ndarray) -> Motion:
+        first = self.references[0].motion
+        shape = (len(nodes), len(first.skeleton.names))
+        rotations, positions = np.empty((*shape, 4)), np.empty((*shape, 3))
+        clips = np.searchsorted(self.starts, nodes, side="right") - 1
+        for clip in np.unique(clips):
+            chosen = clips == clip
+            frames = nodes[chosen] - self.starts[clip]
+            rotations[chosen] = self.references[clip].motion.rotations[frames]
+            positions[chosen] = self.references[clip].motion.positions[frames]
+        return Motion(first.skeleton, rotations, positions, first.fps)
+
+
+# --- root ---------------------------------------------------------------------------------------------------
+
+
+def _steady_root(
+    source: Motion, successors: Motion, steps: _Steps, references: Sequence[Reference], config: Config
+) -> tuple[Motion, Motion]:
+    """Move ground position and heading so that they never jump; the offset then decays.
+
+    At a jump the new side starts where the old side's next frame would have been. Within a run the offset
+    turns the travelled way along with the body, so that feet do not slide more than the decay makes them.
+    """
+    skeleton = source.skeleton
+    travelling = kinematics.travelling_joint(references[0].motion)
+    pelvis = skeleton.pelvis(config.positions.root_joint)
+    zero_heading = kinematics.world_transforms(references[0].motion.take(slice(0, 1)), [pelvis])[0][0, 0]
+    here = _ground_poses(source, travelling, pelvis, zero_heading)
+    ahead = _ground_poses(successors, travelling, pelvis, zero_heading)
+    offsets = np.array(_ground_offsets(here, ahead, steps, 0.5 ** (1.0 / (config.root.return_half_life * source.fps))))
+    moved = _move_ground(source, travelling, offsets[:, 0], offsets[:, 1:3])
+    return moved, _move_ground(successors, travelling, offsets[:, 3], offsets[:, 4:6])
+
+
+def _ground_poses(motion: Motion, travelling: int, pelvis: int, zero_heading: np.ndarray) -> np.ndarray:
+    """Heading in radians, x and z `[shape=(T, 3)]`: position of the travelling joint, heading of the pelvis."""
+    rotations, positions = kinematics.world_transforms(motion, [travelling, pelvis])
+    turned = rotation.multiply(rotations[:, 1], rotation.inverse(zero_heading))
+    return np.column_stack([rotation.heading(turned), positions[:, 0, 0], positions[:, 0, 2]])
+
+
+def _ground_offsets(here: np.ndarray, ahead: np.ndarray, steps: _Steps, decay: float) -> list[list[float]]:
+    """Per node the offset (turn, x, z) of its frame and of its natural successor's."""
+    rows = []
+    turn = x = z = next_turn = next_x = next_z = 0.0
+    for k, ((heading, px, pz), (_, ax, az)) in enumerate(zip(here.tolist(), ahead.tolist(), strict=True)):
+        if steps.jump[k]:
+            old_heading, old_x, old_z = ahead[k - 1]
+            turn = float(rotation.wrap_angle(old_heading + next_turn - heading))
+            x, z = old_x + next_x - px, old_z + next_z - pz
+        elif k and not steps.hold[k]:
+            turn, x, z = next_turn, next_x, next_z
+        cosine, sine = np.cos(turn) - 1.0, np.sin(turn)
+        step_x, step_z = ax - px, az - pz
+        next_turn = decay * turn
+        next_x = decay * x + cosine * step_x + sine * step_z
+        next_z = decay * z - sine * step_x + cosine * step_z
+        rows.append([turn, x, z, next_turn, next_x, next_z])
+    return rows
+
+
+def _move_ground(motion: Motion, travelling: int, turns: np.ndarray, shifts: np.ndarray) -> Motion:
+    """Turn the travelling joint about the vertical through itself and shift it on the ground, in world space."""
+    joints = [travelling]
+    parent = int(motion.skeleton.parents[travelling])
+    world_rotations, world_positions = kinematics.world_transforms(motion, joints)
+    turned = rotation.multiply(rotation.about_y(turns), world_rotations[:, 0])
+    moved = world_positions[:, 0].copy()
+    moved[:, [0, 2]] += shifts
+    if parent >= 0:
+        parent_rotations, parent_positions = kinematics.world_transforms(motion, [parent])
+        back = rotation.inverse(parent_rotations[:, 0])
+        turned, moved = rotation.multiply(back, turned), rotation.rotate(back, moved - parent_positions[:, 0])
+    rotations, positions = motion.rotations.copy(), motion.positions.copy()
+    rotations[:, travelling], positions[:, travelling] = turned, moved
+    return replace(motion, rotations=rotations, positions=positions)
+
+
+# --- joins --------------------------------------------------------------------------------------------------
+
+
+def _inertialize(
+    rotations: np.ndarray, positions: np.ndarray, successors: Motion, steps: _Steps, config: Config
+) -> None:
+    """At every jump keep the new side and let its offset in pose and velocity to the old side decay, in place."""
+    fps = successors.fps
+    jumps = np.flatnonzero(steps.jump)
+    ends = np.append(jumps[1:], len(rotations))
+    # What the current run adds to its source at the frame after its last one.
+    turn_ahead, shift_ahead = np.zeros((*rotations.shape[1:-1], 3)), np.zeros(positions.shape[1:])
+    for start, end in zip(jumps, ends, strict=True):
+        last = start - 1
+        expected = rotation.multiply(rotation.from_expmap(turn_ahead), successors.rotations[last])
+        expected_place = successors.positions[last] + shift_ahead
+        turn = rotation.to_expmap(rotation.multiply(expected, rotation.inverse(rotations[start])))
+        shift = expected_place - positions[start]
+        spin = _spin(rotations[last], expected) - _spin(rotations[start], successors.rotations[start])
+        drift = (expected_place - positions[last]) - (successors.positions[start] - positions[start])
+        times = np.arange(end - start + 1) / fps
+        turns = blend.spring_decay(turn, spin * fps, times, config.blend.half_life)
+        shifts = blend.spring_decay(shift, drift * fps, times, config.blend.half_life)
+        rotations[start:end] = rotation.multiply(rotation.from_expmap(turns[:-1]), rotations[start:end])
+        positions[start:end] += shifts[:-1]
+        turn_ahead, shift_ahead = turns[-1], shifts[-1]
+
+
+def _spin(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """The rotation vector from one pose to the next, in radians per frame."""
+    return rotation.to_expmap(rotation.multiply(after, rotation.inverse(before)))
+
+
+def _resample(motion: Motion, pieces: Sequence[Piece], how: str) -> Motion:
+    """Every piece evenly resampled to its target's length."""
+    times, first = [], 0
+    for piece in pieces:
+        indices = source_indices(piece)
+        times.append(first + (np.round(indices) if how == "nearest" else indices))
+        first += len(piece.nodes)
+    return cleanup.interpolate(motion, np.concatenate(times))
+
+
+def _crossfade_joins(
+    rotations: np.ndarray, positions: np.ndarray, pieces: Sequence[Piece], graph: MotionGraph, config: Config
+) -> None:
+    """Cross-fade every join that is not natural, left to right, in place."""
+    seams = [
+        piece.target.start_frame
+        for before, piece in itertools.pairwise(pieces)
+        if piece.nodes[0] != graph.successors[before.nodes[-1]]
+    ]
+    for seam, right_end in zip(seams, [*seams[1:], len(rotations)], strict=True):
+        blend.crossfade(rotations, positions, seam, right_end, config.blend)
+
+
+def _fingers(motion: Motion, config: Config) -> list[int]:
+    """Joints below the wrists that are not selected for distances."""
+    names = motion.skeleton.names
+    wrists = [names.index(name) for name in config.wrists.joints if name in names]
+    below = {joint for wrist in wrists for joint in motion.skeleton.descendants(wrist)}
+    return sorted(joint for joint in below if names[joint] not in config.joints)

@@ -1,0 +1,1 @@
+"""Searching a motion graph for a test speech (§4.2)."""

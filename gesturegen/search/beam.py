@@ -1,0 +1,37 @@
+"""Beam search for one piece (§4.2.1) and its acceptance (A.1.2)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gesturegen.config import Beam
+from gesturegen.graph.motion_graph import MotionGraph
+from gesturegen.search import _kernels
+
+# 0.9 and 1.1 have no exact binary form: a length on the bound counts as inside.
+_RATIO_SLACK = 1e-9
+
+
+def accepted_lengths(target: int, settings: Beam) -> tuple[int, int]:
+    """The shortest and longest path length, in nodes, accepted for a piece of `target` frames."""
+    shortest = int(np.ceil(settings.min_ratio * target - _RATIO_SLACK))
+    longest = int(np.floor(settings.max_ratio * target + _RATIO_SLACK))
+    return max(shortest, 1), longest
+
+
+def search(
+    graph: MotionGraph, stops: np.ndarray, starts: np.ndarray, target: int, settings: Beam, natural_start: int = -1
+) -> tuple[np.ndarray | None, float]:
+    """The cheapest accepted path `[shape=(n,)]` from any of `starts` to a stop node, and its cost; None without one.
+
+    stops : bool `[shape=(N,)]`; target : the piece's length in frames. A path is terminated when its last
+    node is a stop node and it has at least two nodes (one suffices for a piece of one frame). Terminated
+    paths stay, others are replaced by their extensions, dead ends drop out; the `l_npaths` cheapest go on.
+    natural_start : among equally cheap paths the one from this node comes first, then lower node numbers.
+    """
+    shortest, longest = accepted_lengths(target, settings)
+    nodes, cost = _kernels.beam_search(
+        graph.indptr, graph.indices, graph.weights, stops, np.asarray(starts, dtype=np.int64), natural_start,
+        target, settings.l_npaths, shortest, longest, settings.lambda_w, settings.lambda_len,
+    )  # fmt: skip
+    return (nodes, float(cost)) if len(nodes) else (None, np.inf)

@@ -1,0 +1,63 @@
+"""What a search returns: a `Path` of graph nodes, cut into the pieces of the test speech."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gesturegen.motion.skeleton import read_only
+
+
+@dataclass(frozen=True)
+class Target:
+    """A stretch [start_frame, end_frame) of the test speech, and how it ends.
+
+    end_kind : kind of the key node at `end_frame`, `onset`, `keyword` or (the last piece) `break`
+    """
+
+    start_frame: int
+    end_frame: int
+    end_kind: str
+    keyword: str = ""
+
+    @property
+    def length(self) -> int:
+        return self.end_frame - self.start_frame
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """The nodes found for one target, as searched, before resampling to the target's length.
+
+    nodes : int [shape=(n,)]; cost : of the path; retries : how many the search needed
+    fallback : None, or what had to give way: `keyword`, `discard` or `repeat` (appendix A.1)
+    """
+
+    target: Target
+    nodes: np.ndarray
+    cost: float
+    retries: int = 0
+    fallback: str | None = None
+
+    def __post_init__(self):
+        object.__setattr__(self, "nodes", read_only(self.nodes))
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """The pieces, in order, that move one set of joints (None: all of them)."""
+
+    pieces: tuple[Piece, ...]
+    joints: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """The result for a whole test speech.
+
+    failure : None, or the target at which the search got stuck, with the pieces found before it
+    """
+
+    tracks: tuple[Track, ...]
+    failure: Target | None = None

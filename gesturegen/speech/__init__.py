@@ -1,0 +1,1 @@
+"""Audio onsets, transcripts and keywords."""
