@@ -134,6 +134,12 @@ def reference_recordings(config: Config) -> list[Recording]:
     return left
 
 
+def blacklisted_recordings(config: Config) -> list[Recording]:
+    """The recordings that the blacklist keeps from becoming references."""
+    folder = _folder(config.data.references, config.paths.data, config.data.reference_split, "reference")
+    return [r for r in list_recordings(folder) if r.motion_path and is_listed(r.name, config.blacklist)]
+
+
 def test_recordings(config: Config) -> list[Recording]:
     """The recordings whose speech is to be gestured; DataError when there is none."""
     folder = _folder(config.data.tests, config.paths.data, config.data.test_split, "test")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -220,7 +221,8 @@ class Config(_Section):
 
     def signature(self) -> str:
         """Twelve hexadecimal digits that name the settings, wherever they were read and files are kept."""
-        values = json.loads(self.model_dump_json(by_alias=True, exclude={"paths": True, "keywords": {"file"}}))
+        places = {"paths": True, "data": {"references", "tests"}, "keywords": {"file"}}
+        values = json.loads(self.model_dump_json(by_alias=True, exclude=places))
         return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:12]
 
 
@@ -230,8 +232,12 @@ def configs_folder() -> Path:
     return inside if inside.is_dir() else Path(__file__).parent.parent / "configs"
 
 
-def load_config(path: str | Path | None = None, overrides: tuple[str, ...] = ()) -> Config:
+def load_config(
+    path: str | Path | None = None, overrides: Sequence[str] = (), folders: Mapping[str, str] | None = None
+) -> Config:
     """Settings from a YAML file (the defaults without one), then `key.path=value` overrides in order.
+
+    folders : key path -> folder name, taken to the letter, for options that name a folder
 
     Raises ConfigError with one line per mistake.
     """
@@ -244,6 +250,9 @@ def load_config(path: str | Path | None = None, overrides: tuple[str, ...] = ())
     set_keys = set()
     for override in overrides:
         set_keys.add(_apply_override(values, override))
+    for key, folder in (folders or {}).items():
+        section, name = key.split(".")
+        values[section] = (values.get(section) or {}) | {name: folder}
     try:
         config = Config.model_validate_json(json.dumps(values, default=str))
     except ValidationError as error:

@@ -1,0 +1,49 @@
+# `make demo` and `make test` need Python 3.11 or later and make, nothing else.
+PYTHON ?= python3
+VENV ?= .venv
+JOBS ?=
+BIN = $(VENV)/bin
+GESTUREGEN = $(BIN)/gesturegen
+FLAGS = $(if $(JOBS),-j $(JOBS))
+
+.PHONY: help install demo test test-all lint bench clean
+
+help:  ## what can be made
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+
+install: $(VENV)/installed  ## a virtual environment with everything in it
+
+# Compiling the loops once here keeps the first real command from seeming slow.
+$(VENV)/installed: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(BIN)/python scripts/warm_up.py
+	touch $@
+
+demo: install  ## all four commands on a synthetic dataset, in demo/
+	rm -rf demo
+	$(GESTUREGEN) demo-data demo/data --references 2 --tests 2 --seed 1 $(FLAGS)
+	$(GESTUREGEN) preprocess --config configs/demo.yaml $(FLAGS)
+	$(GESTUREGEN) build-graph --config configs/demo.yaml $(FLAGS)
+	$(GESTUREGEN) reenact --config configs/demo.yaml $(FLAGS)
+	$(GESTUREGEN) evaluate --config configs/demo.yaml $(FLAGS)
+	@echo
+	@echo 'BVH files:    demo/work/reenact/*.bvh'
+	@echo 'traces:       demo/work/reenact/*.trace.json'
+	@echo 'metric table: demo/work/evaluate/metrics.csv'
+
+test: install  ## the fast tests
+	$(BIN)/python -m pytest -m 'not slow' -q
+
+test-all: install  ## every test, the slow ones too
+	$(BIN)/python -m pytest -q
+
+lint: install  ## style and unused names
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+bench: install  ## time and memory of each stage, beside the obvious implementation
+	$(BIN)/python scripts/bench.py
+
+clean:  ## delete the environment and everything the demo wrote
+	rm -rf $(VENV) demo bench

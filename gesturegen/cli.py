@@ -1,0 +1,242 @@
+"""The command line: parse, load the config, call one `pipeline` function, print what it says."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from gesturegen import __version__
+from gesturegen.errors import GesturegenError
+from gesturegen.parallel import default_jobs
+
+if TYPE_CHECKING:
+    from gesturegen.config import Config
+    from gesturegen.pipeline import Summary
+
+_FOLDER = click.Path(path_type=Path, file_okay=False)
+_FILE = click.Path(path_type=Path, dir_okay=False)
+_MOST_WARNINGS = 20
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="gesturegen")
+def main() -> None:
+    """Make a virtual speaker gesture to new speech, from very few recorded examples.
+
+    \b
+    Start here:
+      gesturegen demo-data demo/data --references 2 --tests 2
+      gesturegen preprocess  --data demo/data --work demo/work
+      gesturegen build-graph --data demo/data --work demo/work
+      gesturegen reenact     --data demo/data --work demo/work
+      gesturegen evaluate    --data demo/data --work demo/work
+    """
+
+
+def _jobs_option(command: Callable) -> Callable:
+    return click.option(
+        "-j", "--jobs", type=click.IntRange(min=1), default=default_jobs, show_default="all processors",
+        help="Worker processes; the results are the same for any number.",
+    )(command)  # fmt: skip
+
+
+def _quiet_option(command: Callable) -> Callable:
+    return click.option("--quiet", is_flag=True, help="Print errors only.")(command)
+
+
+def _common(command: Callable) -> Callable:
+    """The options of every command that works on a dataset; it is called with `config`, `jobs` and `quiet`."""
+
+    @click.option("--config", "config_path", type=_FILE, help="YAML settings; without it, the paper's.")
+    @click.option(
+        "--set",
+        "overrides",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help="Override one setting, such as continuity.l_pn=1.",
+    )
+    @click.option("--data", type=_FOLDER, help="Dataset in GENEA layout (paths.data).")
+    @click.option("--work", type=_FOLDER, help="Folder for everything that is written (paths.work).")
+    @click.option("--references", type=_FOLDER, help="Any folder of BVH and WAV (and TSV) files, instead of --data.")
+    @click.option("--tests", type=_FOLDER, help="Any folder of WAV (and TSV) files, instead of --data.")
+    @_jobs_option
+    @_quiet_option
+    @functools.wraps(command)
+    def with_config(config_path, overrides, data, work, references, tests, **options):
+        from gesturegen.config import load_config
+
+        folders = {"paths.data": data, "paths.work": work, "data.references": references, "data.tests": tests}
+        given = {key: str(folder) for key, folder in folders.items() if folder is not None}
+        with _one_line_errors():
+            config = load_config(config_path, overrides, given)
+        return command(config=config, **options)
+
+    return with_config
+
+
+class _one_line_errors:
+    """Turns our errors into one line and exit code 1, at the boundary only; bugs keep their traceback."""
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, kind, error, _traceback):
+        if isinstance(error, GesturegenError):
+            raise click.ClickException(str(error)) from None
+        return False
+
+
+def _run(quiet: bool, work: Callable[[], Summary]) -> None:
+    """Run a pipeline function, print its summary, exit with 1 when a clip failed."""
+    with _one_line_errors():
+        summary = work()
+    if not quiet:
+        for clip, note in summary.warnings[:_MOST_WARNINGS]:
+            click.echo(f"warning: {clip}: {note}", err=True)
+        if len(summary.warnings) > _MOST_WARNINGS:
+            click.echo(f"warning: and {len(summary.warnings) - _MOST_WARNINGS} more", err=True)
+        for line in summary.lines:
+            click.echo(line)
+        for path in summary.written:
+            click.echo(f"written: {path}")
+    outcome = summary.outcome
+    for clip, trace in outcome.bugs.items():
+        click.echo(f"{trace}bug: {clip}: this is a fault of gesturegen; please report the lines above", err=True)
+    for clip, error in outcome.errors.items():
+        click.echo(f"error: {clip}: {error}", err=True)
+    if outcome.failed:
+        click.echo(f"error: {outcome.failed} of {outcome.failed + len(outcome.done)} failed", err=True)
+        sys.exit(1)
+
+
+@main.command()
+@click.argument("path", type=_FILE, default=Path("gesturegen.yaml"))
+@click.option("--force", is_flag=True, help="Write over an existing file.")
+def init(path: Path, force: bool) -> None:
+    """Write a commented config to start from.
+
+    \b
+    Example:
+      gesturegen init my.yaml
+    """
+    from gesturegen import pipeline
+
+    with _one_line_errors():
+        pipeline.init(path, force)
+    click.echo(f"written: {path}")
+
+
+@main.command("demo-data")
+@click.argument("folder", type=_FOLDER)
+@click.option("--references", type=click.IntRange(min=1), default=2, show_default=True, help="Reference clips.")
+@click.option("--tests", type=click.IntRange(min=1), default=2, show_default=True, help="Test clips.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option(
+    "--challenge",
+    is_flag=True,
+    help="Durations of the GENEA challenge: references of 60 to 427 s, tests of 60 to 77 s.",
+)
+@_jobs_option
+@_quiet_option
+def demo_data(folder: Path, references: int, tests: int, seed: int, challenge: bool, jobs: int, quiet: bool) -> None:
+    """Write a synthetic dataset in GENEA layout to try things on.
+
+    \b
+    Examples:
+      gesturegen demo-data demo/data --references 2 --tests 2 --seed 1
+      gesturegen demo-data big/data --references 70 --tests 70 --challenge
+    """
+    from gesturegen import pipeline
+
+    _run(quiet, lambda: pipeline.demo_data(folder, references, tests, seed, challenge, jobs, quiet))
+
+
+@main.command()
+@_common
+@click.option("--export-bvh", type=_FOLDER, metavar="FOLDER", help="Also write the cleaned references as BVH files.")
+@click.option(
+    "--suggest-blacklist",
+    is_flag=True,
+    help="Only list near-motionless or glitching clips and ranges; exclude nothing.",
+)
+def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None, suggest_blacklist: bool) -> None:
+    """Read, check and clean the recordings into WORK/clips.
+
+    \b
+    Examples:
+      gesturegen preprocess --config configs/casia_go_2023.yaml --data genea --work out
+      gesturegen preprocess --references takes --tests speeches --work out
+      gesturegen preprocess --data genea --suggest-blacklist
+    """
+    from gesturegen import pipeline
+
+    if suggest_blacklist:
+        _run(quiet, lambda: pipeline.suggest_blacklist(config, jobs, quiet))
+    else:
+        _run(quiet, lambda: pipeline.preprocess(config, jobs, quiet, export_bvh))
+
+
+@main.command("build-graph")
+@_common
+def build_graph(config: Config, jobs: int, quiet: bool) -> None:
+    """Build the motion graphs of the references into WORK/graphs.
+
+    \b
+    Examples:
+      gesturegen build-graph --data genea --work out
+      gesturegen build-graph --work out --set references.mode=all
+    """
+    from gesturegen import pipeline
+
+    _run(quiet, lambda: pipeline.build_graphs(config, jobs, quiet))
+
+
+@main.command()
+@_common
+def reenact(config: Config, jobs: int, quiet: bool) -> None:
+    """Find gestures for every test speech; write BVH, traces and a manifest into WORK/reenact.
+
+    \b
+    Examples:
+      gesturegen reenact --config configs/casia_go_2023.yaml --data genea --work out -j 8
+      gesturegen reenact --work out --set seed=1 --set blend.method=inertialize
+    """
+    from gesturegen import pipeline
+
+    _run(quiet, lambda: pipeline.reenact(config, jobs, quiet))
+
+
+@main.command()
+@_common
+@click.option("--bvh", "bvh_folder", type=_FOLDER, help="Measure these BVH files, made by any system.")
+@click.option("--audio", "audio_folder", type=_FOLDER, help="With --bvh: the audio files, matched by name.")
+@click.option("--truth", "truth_folder", type=_FOLDER, help="The true motion as BVH files, matched by name.")
+@click.option("--genea-compat", is_flag=True, help="The figures of the published GENEA scripts, by their conventions.")
+def evaluate(
+    config: Config, jobs: int, quiet: bool,
+    bvh_folder: Path | None, audio_folder: Path | None, truth_folder: Path | None, genea_compat: bool,
+) -> None:  # fmt: skip
+    """Measure the reenacted clips, or anybody's BVH files, into WORK/evaluate.
+
+    \b
+    Examples:
+      gesturegen evaluate --data genea --work out
+      gesturegen evaluate --bvh theirs --audio genea/val/main-agent/wav --truth genea/val/main-agent/bvh --work out
+    """
+    from gesturegen import pipeline
+
+    if bvh_folder is None and audio_folder is not None:
+        raise click.UsageError("--audio goes with --bvh; a run of gesturegen knows its own audio")
+    _run(
+        quiet,
+        lambda: pipeline.evaluate(config, jobs, quiet, genea_compat, bvh_folder, audio_folder, truth_folder),
+    )
+
+
+if __name__ == "__main__":
+    main()

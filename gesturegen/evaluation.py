@@ -1,0 +1,277 @@
+"""The measures of §5.2 and ours, put together for one clip and for all clips of a run.
+
+`metrics/` holds the pure functions; here their inputs are gathered from a motion, its audio, its truth and
+its trace. A measure that lacks one of these is NaN.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gesturegen.clips import select_joints
+from gesturegen.config import Config
+from gesturegen.graph.motion_graph import MotionGraph
+from gesturegen.metrics import beats, diversity, feet, frechet, genea, seams, smoothness, synchrony, usage
+from gesturegen.motion import kinematics
+from gesturegen.motion.skeleton import Motion
+from gesturegen.submission import shown_nodes
+
+NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A column of the table: its key in files, its heading, and the block it is printed in."""
+
+    key: str
+    heading: str
+    block: str
+
+
+MEASURES = (
+    Measure("syn", "Syn cm/f ↓", "paper"),
+    Measure("bc_distance", "BC dist s ↓", "paper"),
+    Measure("bc_kernel", "BC kernel ↑", "paper"),
+    Measure("div", "Div ↑", "paper"),
+    Measure("failure", "#Failure", "paper"),
+    Measure("jerk", "jerk cm/s³", "genea"),
+    Measure("acceleration", "accel cm/s²", "genea"),
+    Measure("hellinger", "Hellinger ↓", "genea"),
+    Measure("cca", "CCA ↑", "genea"),
+    Measure("hard_joins_per_minute", "hard joins/min", "seams"),
+    Measure("join_distance_mean", "join d mean", "seams"),
+    Measure("join_distance_max", "join d max", "seams"),
+    Measure("seam_jerk", "seam jerk ↓", "seams"),
+    Measure("seam_jerk_wrists", "on wrists ↓", "seams"),
+    Measure("foot_skate", "foot skate cm/s", "seams"),
+    Measure("foot_contact_share", "contact", "seams"),
+    Measure("key_node_share", "key nodes met", "usage"),
+    Measure("reference_share", "reference used", "usage"),
+    Measure("max_uses", "max uses", "usage"),
+    Measure("repeated_share", "re-used frames", "usage"),
+    Measure("held_share", "held frames", "usage"),
+    Measure("utilisation", "of training set", "usage"),
+)
+COMPAT_MEASURES = (
+    Measure("jerk", "jerk", "genea-compat"),
+    Measure("acceleration", "acceleration", "genea-compat"),
+    Measure("hellinger_1", "Hellinger, width 1", "genea-compat"),
+    Measure("hellinger_0.05", "Hellinger, width 0.05", "genea-compat"),
+)
+# Keys whose total is not the mean over clips.
+_SUMS, _MAXIMA = {"failure"}, {"max_uses", "join_distance_max"}
+
+
+def frechet_measures(config: Config) -> list[Measure]:
+    return [Measure(f"frechet_{n}", f"Fréchet {n} cm² ↓", "genea") for n in config.evaluation.frechet_windows]
+
+
+def measures(config: Config) -> list[Measure]:
+    """All columns, in order of printing."""
+    listed = list(MEASURES)
+    after = next(place for place, measure in enumerate(listed) if measure.key == "cca")
+    return [*listed[:after], *frechet_measures(config), *listed[after:]]
+
+
+@dataclass(frozen=True, eq=False)
+class Joints:
+    """Where the joints of a motion are.
+
+    world : [shape=(T, K, 3)], selected joints, cm; relative : the same seen from the pelvis, as distances are
+    feet : [shape=(T, F, 3)], world; parents : [shape=(K,)], among the selected joints, None where unknown
+    wrists : places of the wrist joints among the selected ones
+    """
+
+    world: np.ndarray
+    relative: np.ndarray
+    feet: np.ndarray
+    parents: np.ndarray | None
+    wrists: list[int]
+    fps: float
+
+
+def locate(motion: Motion, config: Config) -> Joints:
+    """Forward kinematics of everything the measures look at."""
+    skeleton = motion.skeleton
+    joints, _ = select_joints(skeleton, config)
+    pelvis = skeleton.pelvis(config.positions.root_joint)
+    names = [skeleton.names[j] for j in joints]
+    foot_joints = [skeleton.names.index(name) for name in config.evaluation.feet if name in skeleton.names]
+    return Joints(
+        world=kinematics.joint_positions(motion, joints),
+        relative=config.positions.scale
+        * kinematics.relative_positions(motion, joints, pelvis, config.positions.relative_to),
+        feet=kinematics.joint_positions(motion, foot_joints) if foot_joints else np.empty((motion.n_frames, 0, 3)),
+        parents=beats.selected_parents(skeleton.parents, joints),
+        wrists=[names.index(name) for name in config.wrists.joints if name in names],
+        fps=motion.fps,
+    )
+
+
+def from_positions(positions: np.ndarray, config: Config) -> Joints:
+    """Bare joint positions `[shape=(T, K, 3)]`, such as other systems store: nothing else is known of them."""
+    root = positions[:, :1]
+    nothing = np.empty((len(positions), 0, 3))
+    return Joints(positions, positions - root, nothing, None, [], float(config.fps))
+
+
+def measure_clip(
+    generated: Joints,
+    config: Config,
+    onset_times: np.ndarray | None = None,
+    truth: Joints | None = None,
+    trace: Mapping | None = None,
+    graph: MotionGraph | None = None,
+) -> dict[str, float]:
+    """All measures of one clip; NaN for those that lack their evidence.
+
+    onset_times : seconds; trace and graph : of a clip that gesturegen made
+    """
+    settings, fps = config.evaluation, generated.fps
+    row = {measure.key: NAN for measure in measures(config)}
+    row |= {
+        "failure": 0,
+        "div": diversity.direction_change_share(
+            generated.world, min_angle_degrees=settings.div_min_angle, speed_floor=settings.div_speed_floor
+        ),
+        "jerk": smoothness.mean_jerk(generated.world, fps=fps),
+        "acceleration": smoothness.mean_acceleration(generated.world, fps=fps),
+    }
+    if generated.feet.shape[1]:
+        skate = feet.foot_skate(generated.feet, range(generated.feet.shape[1]), fps=fps)
+        row |= {"foot_skate": skate.speed, "foot_contact_share": skate.contact_share}
+    if onset_times is not None and generated.parents is not None:
+        rates = beats.angle_change_rate(generated.world, generated.parents, fps=fps)
+        times = beats.motion_beats(rates, fps=fps)
+        row["bc_distance"] = beats.beat_distance(onset_times, times)
+        row["bc_kernel"] = beats.beat_kernel(onset_times, times, sigma_seconds=settings.bc_sigma)
+    if truth is not None:
+        row["syn"] = synchrony.synchrony(generated.world, truth.world)
+        row["cca"] = genea.canonical_correlation(generated.relative, truth.relative)
+        row["hellinger"] = genea.hellinger_distance(_histogram(generated, config), _histogram(truth, config))
+        row |= _frechet([generated], [truth], config)
+    if trace is not None and graph is not None:
+        row |= _measure_trace(generated, trace, graph, config)
+    return row
+
+
+def failed_row(config: Config) -> dict[str, float]:
+    """A clip without output: a failure, and nothing to measure."""
+    return {measure.key: NAN for measure in measures(config)} | {"failure": 1}
+
+
+def totals(
+    rows: Sequence[Mapping[str, float]], generated: Sequence[Joints], truths: Sequence[Joints], config: Config
+) -> dict[str, float]:
+    """One figure per measure for all clips: pooled where the measure is one of distributions, else the mean.
+
+    generated, truths : the clips that have a truth, in the same order.
+    """
+    total = {}
+    for measure in measures(config):
+        values = np.array([row[measure.key] for row in rows], dtype=float)
+        values = values[np.isfinite(values)]
+        how = np.sum if measure.key in _SUMS else np.max if measure.key in _MAXIMA else np.mean
+        total[measure.key] = float(how(values)) if len(values) else NAN
+    if truths:
+        pairs = list(zip(generated, truths, strict=True))
+        total["hellinger"] = genea.hellinger_distance(
+            sum(_histogram(motion, config) for motion in generated),
+            sum(_histogram(motion, config) for motion in truths),
+        )
+        total |= _frechet(generated, truths, config)
+        cut = [(a.relative[: len(b.relative)], b.relative[: len(a.relative)]) for a, b in pairs]
+        total["cca"] = genea.canonical_correlation(
+            np.concatenate([a for a, _ in cut]), np.concatenate([b for _, b in cut])
+        )
+    return total
+
+
+def _histogram(joints: Joints, config: Config) -> np.ndarray:
+    return genea.speed_histogram(joints.world, fps=joints.fps, bin_width=config.evaluation.hellinger_bin_width)
+
+
+def _frechet(generated: Sequence[Joints], truths: Sequence[Joints], config: Config) -> dict[str, float]:
+    sides = [[joints.relative for joints in side] for side in (generated, truths)]
+    return {
+        f"frechet_{window}": frechet.window_frechet_distance(*sides, window_frames=window)
+        for window in config.evaluation.frechet_windows
+    }
+
+
+def _measure_trace(generated: Joints, trace: Mapping, graph: MotionGraph, config: Config) -> dict[str, float]:
+    shown = shown_nodes(trace)
+    joins = seams.join_statistics(
+        [join["distance"] for join in trace["joins"]],
+        [join["natural"] for join in trace["joins"]],
+        n_frames=trace["n_frames"],
+        fps=trace["fps"],
+    )
+    use = usage.reference_use(shown, graph.n_nodes)
+    frames = np.array([node["frame"] for node in trace["key_nodes"]], dtype=int)
+    any_stop = graph.stop_nodes(None)
+    any_stop[graph.key_nodes.frames[graph.key_nodes.kinds == "keyword"]] = True
+
+    def jerk(joints: list[int] | None) -> float:
+        if joints == []:
+            return NAN
+        return seams.seam_jerk(
+            generated.relative, seam_frames(trace, graph), shown, graph.positions, graph.segment_starts,
+            fps=generated.fps, radius=config.evaluation.seam_radius, joints=joints,
+        ).ratio  # fmt: skip
+
+    return {
+        "hard_joins_per_minute": joins.hard_per_minute,
+        "join_distance_mean": joins.mean_distance,
+        "join_distance_max": joins.max_distance,
+        "seam_jerk": jerk(None),
+        "seam_jerk_wrists": jerk(generated.wrists),
+        "key_node_share": usage.key_node_share(frames, shown, any_stop),
+        "reference_share": use.used_share,
+        "max_uses": use.max_uses,
+        "repeated_share": use.reused_share,
+        "held_share": use.held_share,
+    }
+
+
+def seam_frames(trace: Mapping, graph: MotionGraph) -> np.ndarray:
+    """Output frames `[shape=(K,)]` at which the right side of a hard join or of an unnatural edge starts."""
+    frames = [join["frame"] for join in trace["joins"] if not join["natural"]]
+    for piece in trace["pieces"]:
+        nodes = np.asarray(piece["nodes"])
+        unnatural = np.flatnonzero((nodes[1:] != graph.successors[nodes[:-1]]) & (nodes[1:] != nodes[:-1])) + 1
+        if len(nodes) > 1:
+            # Node k stands at frame k (L - 1) / (n - 1) of the resampled piece.
+            places = unnatural * (piece["target_length"] - 1) / (len(nodes) - 1)
+            frames += (piece["start_frame"] + np.ceil(places - 1e-9).astype(int)).tolist()
+    return np.unique(np.array(frames, dtype=int))
+
+
+def genea_compat(
+    generated: Mapping[str, Joints], truths: Mapping[str, Joints]
+) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
+    """Rows and total by the conventions of the published GENEA scripts (`metrics/genea.py`)."""
+    rows: dict[str, dict[str, float]] = {}
+    pooled = {side: Counter() for side in ("generated", "truth")}
+    for name, joints in generated.items():
+        own = genea.genea_compat(joints.world, fps=joints.fps)
+        row = {"jerk": own.jerk, "acceleration": own.acceleration, "hellinger_1": NAN, "hellinger_0.05": NAN}
+        if name in truths:
+            true = genea.genea_compat(truths[name].world, fps=truths[name].fps)
+            row["hellinger_1"] = genea.hellinger_distance(own.histogram, true.histogram)
+            row["hellinger_0.05"] = genea.hellinger_distance(own.fine_histogram, true.fine_histogram)
+            for side, figures in (("generated", own), ("truth", true)):
+                pooled[side]["1"] = pooled[side]["1"] + figures.histogram
+                pooled[side]["0.05"] = pooled[side]["0.05"] + figures.fine_histogram
+        rows[name] = row
+    total = {
+        key: float(np.mean([row[key] for row in rows.values()])) if rows else NAN for key in ("jerk", "acceleration")
+    }
+    for width in ("1", "0.05"):
+        both = pooled["generated"][width], pooled["truth"][width]
+        total[f"hellinger_{width}"] = genea.hellinger_distance(*both) if np.ndim(both[0]) else NAN
+    return rows, total

@@ -1,0 +1,28 @@
+"""Compile and cache the loops (numba, and librosa's own), so that the first real command is fast."""
+
+import numpy as np
+
+from gesturegen.config import Continuity, load_config
+from gesturegen.graph import motion_graph
+from gesturegen.keynodes import KeyNodes
+from gesturegen.search import beam
+from gesturegen.speech import audio
+
+
+def main() -> None:
+    config = load_config()
+    rng = np.random.default_rng(0)
+    samples = rng.normal(size=config.onsets.sample_rate).astype(np.float32)
+    audio.detect_onset_peaks(samples, 16000, config.onsets)
+    positions = np.cumsum(rng.normal(size=(50, 2, 3)), axis=0).astype(np.float32)
+    key_nodes = KeyNodes(np.array([20, 49]), np.array(["onset", "break"]), np.array(["", ""]))
+    graph = motion_graph.from_positions(
+        positions, np.array([0]), Continuity(),
+        joint_names=("a", "b"), fps=30.0, clip_names=("noise",), clip_starts=np.array([0]),
+        source_frames=np.arange(50), key_nodes=key_nodes,
+    )  # fmt: skip
+    beam.search(graph, graph.stop_nodes(None), np.array([0]), 20, config.beam)
+
+
+if __name__ == "__main__":
+    main()
