@@ -6,7 +6,7 @@ BIN = $(VENV)/bin
 GESTUREGEN = $(BIN)/gesturegen
 FLAGS = $(if $(JOBS),-j $(JOBS))
 
-.PHONY: help install demo test test-all lint bench clean
+.PHONY: help install demo test test-slow lint bench clean
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -35,8 +35,8 @@ demo: install  ## all four commands on a synthetic dataset, in demo/
 test: install  ## the fast tests
 	$(BIN)/python -m pytest -m 'not slow' -q
 
-test-all: install  ## every test, the slow ones too
-	$(BIN)/python -m pytest -q
+test-slow: install  ## the tests that take longer
+	$(BIN)/python -m pytest -m slow -q
 
 lint: install  ## style and unused names
 	$(BIN)/ruff check .

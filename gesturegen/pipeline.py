@@ -228,8 +228,6 @@ def build_graphs(config: Config, jobs: int, quiet: bool) -> Summary:
         {name: partial(_build_graph, names, config) for name, names in groups.items()}, jobs, "build-graph", quiet
     )
     summary = Summary(outcome, written=[_work(config, "graphs")])
-    for name in outcome.errors | outcome.bugs:
-        _graph_path(config, name).unlink(missing_ok=True)
     summary.lines = [f"{name}: {line}" for name, line in outcome.done.items()]
     return summary
 
@@ -257,9 +255,14 @@ def _references(config: Config, names: Sequence[str]) -> list[clips.Reference]:
     return [clips.load(_clip_path(config, name), config).reference(config) for name in names]
 
 
+def _digests(config: Config, names: Sequence[str]) -> tuple[str, ...]:
+    """What the stored clips hold, so that a graph knows when they changed."""
+    return tuple(files.sha256(_clip_path(config, name)) for name in names)
+
+
 def _build_graph(names: Sequence[str], config: Config) -> str:
     graph = METHODS[config.method].build(_references(config, names), config)
-    motion_graph.save(_graph_path(config, graph_name(names)), graph, config)
+    motion_graph.save(_graph_path(config, graph_name(names)), graph, config, _digests(config, names))
     kinds = ", ".join(f"{int(np.sum(graph.key_nodes.kinds == kind))} {kind}" for kind in ("onset", "keyword", "break"))
     return (
         f"{graph.n_nodes} nodes, {int(np.sum(graph.natural))} natural and {int(np.sum(~graph.natural))} unnatural edges, "
@@ -297,16 +300,20 @@ def reenact(config: Config, jobs: int, quiet: bool) -> Summary:
 
 
 @lru_cache(maxsize=1)
-def _library(config_json: str, names: tuple[str, ...]) -> tuple[list[clips.Reference], motion_graph.MotionGraph]:
+def _library(
+    config_json: str, names: tuple[str, ...], clip_digests: tuple[str, ...], _graph_digest: str
+) -> tuple[list[clips.Reference], motion_graph.MotionGraph]:
     """References and graph; a worker keeps the last ones, since test clips often share them."""
     config = Config.model_validate_json(config_json)
-    graph = motion_graph.load(_graph_path(config, graph_name(names)), config)
+    graph = motion_graph.load(_graph_path(config, graph_name(names)), config, clip_digests)
     return _references(config, names), graph
 
 
 def _reenact_clip(test: str, names: tuple[str, ...], config: Config) -> dict:
     folder = _work(config, "reenact")
-    references, graph = _library(config.model_dump_json(by_alias=True), names)
+    graph_path = _graph_path(config, graph_name(names))
+    graph_digest = files.sha256(graph_path) if graph_path.is_file() else ""
+    references, graph = _library(config.model_dump_json(by_alias=True), names, _digests(config, names), graph_digest)
     speech = clips.load(_clip_path(config, test), config, with_motion=False).test_speech(config)
     key_nodes = keynodes.of_speech(speech, config.keywords.words)
     path = METHODS[config.method].search(graph, speech, config, generator(config.seed, test))

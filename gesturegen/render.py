@@ -6,9 +6,9 @@ offsets at jumps decay; resample every piece to its length; with `crossfade`, bl
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -195,10 +195,10 @@ def _crossfade_joins(
     """Cross-fade every join that is not natural, left to right, in place."""
     seams = [
         piece.target.start_frame
-        for before, piece in itertools.pairwise(pieces)
+        for before, piece in pairwise(pieces)
         if piece.nodes[0] != graph.successors[before.nodes[-1]]
     ]
-    for seam, right_end in zip(seams, [*seams[1:], len(rotations)], strict=True):
+    for seam, right_end in pairwise([*seams, len(rotations)]):
         blend.crossfade(rotations, positions, seam, right_end, config.blend)
 
 

@@ -166,8 +166,11 @@ def from_positions(
     )
 
 
-def save(path: str | Path, graph: MotionGraph, config: Config) -> None:
-    """Store a graph as `.npz` (README, file formats)."""
+def save(path: str | Path, graph: MotionGraph, config: Config, clip_digests: Sequence[str] = ()) -> None:
+    """Store a graph as `.npz` (README, file formats).
+
+    clip_digests : SHA-256 of the stored clips it was built from, so that `load` can tell when they changed
+    """
     files.write_arrays(
         path,
         {
@@ -177,6 +180,7 @@ def save(path: str | Path, graph: MotionGraph, config: Config) -> None:
             "joint_names": np.array(graph.joint_names),
             "fps": np.array(graph.fps),
             "clip_names": np.array(graph.clip_names),
+            "clip_digests": np.array(clip_digests, dtype=str),
             "clip_starts": graph.clip_starts,
             "source_frames": graph.source_frames,
             "segment_starts": graph.segment_starts,
@@ -192,8 +196,11 @@ def save(path: str | Path, graph: MotionGraph, config: Config) -> None:
     )
 
 
-def load(path: str | Path, config: Config | None = None) -> MotionGraph:
-    """Read a stored graph; DataError when it is missing, damaged or, given a config, made with other settings."""
+def load(path: str | Path, config: Config | None = None, clip_digests: Sequence[str] | None = None) -> MotionGraph:
+    """Read a stored graph; DataError when it is missing or damaged.
+
+    Also, where they are given, when it was made with other settings or from clips with other digests.
+    """
     path = Path(path)
     if not path.is_file():
         raise DataError(f"{path}: this graph has not been built; run `gesturegen build-graph` first")
@@ -205,6 +212,8 @@ def load(path: str | Path, config: Config | None = None) -> MotionGraph:
             )
         if config is not None:
             check_settings(path, str(stored["config"]), config.section_json(*_SETTINGS), "build-graph")
+        if clip_digests is not None and list(clip_digests) != stored["clip_digests"].tolist():
+            raise DataError(f"{path}: its clips were preprocessed again since; run `gesturegen build-graph` again")
         return MotionGraph(
             **{name: stored[name] for name in (
                 "positions", "clip_starts", "source_frames", "segment_starts", "indptr", "indices", "weights",

@@ -1,0 +1,70 @@
+"""Each room imports only from the rooms above it (README, architecture)."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parent.parent / "gesturegen"
+# From the top down; rooms in one row may not import each other, except inside a package.
+ROOMS = [
+    {"errors"},
+    {"files", "randomness"},
+    {"config"},
+    {"motion"},
+    {"speech"},
+    {"clips"},
+    {"keynodes"},
+    {"graph"},
+    {"search"},
+    {"methods"},
+    {"render"},
+    {"metrics"},
+    {"submission"},
+    {"evaluation"},
+    {"tables"},
+    {"demo"},
+    {"parallel"},
+    {"pipeline"},
+    {"cli"},
+]
+LEVEL = {room: level for level, row in enumerate(ROOMS) for room in row}
+FILES = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
+
+
+def imported_rooms(path: Path) -> set[str]:
+    rooms = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            assert all(alias.name != "*" for alias in node.names), f"{path}: star import"
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+        else:
+            continue
+        rooms |= {name.split(".")[1] for name in names if name.startswith("gesturegen.")}
+    return rooms & LEVEL.keys()
+
+
+def room_of(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_only_from_rooms_above(path):
+    own = room_of(path)
+    assert own in LEVEL, f"{own} is in no row of ROOMS"
+    below = {room for room in imported_rooms(path) if room != own and LEVEL[room] >= LEVEL[own]}
+    assert not below
+
+
+def test_metrics_know_no_method():
+    for path in PACKAGE.glob("metrics/*.py"):
+        assert imported_rooms(path) <= {"metrics", "motion", "errors"}, path
+
+
+def test_the_readme_lists_every_room():
+    readme = (PACKAGE.parent / "README.md").read_text()
+    for room in LEVEL:
+        assert f"`{room}.py`" in readme or f"`{room}/`" in readme, room

@@ -1,0 +1,108 @@
+"""What is written is true: every command has help, every YAML loads, every setting is explained."""
+
+import re
+import shlex
+from pathlib import Path
+
+import click
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from gesturegen.cli import main
+from gesturegen.config import Config, load_config
+
+TOP = Path(__file__).parent.parent
+README = (TOP / "README.md").read_text()
+PAPER = TOP / "configs/casia_go_2023.yaml"
+
+
+@pytest.mark.parametrize("name", sorted(main.commands))
+def test_every_command_has_help_with_an_example_and_is_in_the_readme(name):
+    result = CliRunner().invoke(main, [name, "--help"])
+    assert result.exit_code == 0 and f"  gesturegen {name}" in result.output
+    assert f"gesturegen {name}" in README
+
+
+def test_every_command_line_of_the_readme_parses():
+    lines = re.findall(r"^    (gesturegen .*?)(?: {2,}#.*)?$", README, re.M)
+    assert len(lines) >= 6
+    for line in lines:
+        words = shlex.split(line)[1:]
+        command = main.commands[words[0]]
+        with click.Context(command) as context:
+            command.parse_args(context, words[1:])
+
+
+def test_every_option_of_the_readme_exists():
+    known = {option for command in main.commands.values() for parameter in command.params for option in parameter.opts}
+    used = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", README))
+    assert used <= known
+
+
+def test_every_make_target_of_the_readme_exists():
+    makefile = (TOP / "Makefile").read_text()
+    for target in re.findall(r"make ([a-z-]+)", README):
+        assert re.search(rf"^{target}:", makefile, re.M), target
+
+
+@pytest.mark.parametrize("path", sorted((TOP / "configs").glob("*.yaml")), ids=lambda path: path.name)
+def test_every_yaml_loads(path):
+    if path.name == "keywords.yaml":
+        assert load_config(None, [f"keywords.file={path}"]).keywords.words == yaml.safe_load(path.read_text())
+    else:
+        assert isinstance(load_config(path), Config)
+
+
+def test_the_papers_config_is_the_default():
+    assert load_config(PAPER).signature() == load_config().signature()
+
+
+def keys(model, prefix="") -> list[str]:
+    found = []
+    for name, field in model.model_fields.items():
+        key = prefix + (field.alias or name)
+        inner = field.annotation
+        found += keys(inner, f"{key}.") if isinstance(inner, type) and hasattr(inner, "model_fields") else [key]
+    return found
+
+
+def test_the_papers_config_spells_out_every_setting():
+    written = yaml.safe_load(PAPER.read_text())
+    for key in keys(Config):
+        value = written
+        for part in key.split("."):
+            assert part in value, key
+            value = value[part]
+
+
+def test_every_setting_has_a_comment():
+    lines = PAPER.read_text().splitlines()
+    for number, line in enumerate(lines):
+        if re.match(r" *[a-z_]+: *\S", line) and not line.startswith("joints:"):
+            assert "#" in line, f"line {number + 1}: {line}"
+        if line.startswith("joints:"):
+            assert lines[number - 1].startswith("#")
+
+
+def test_the_readme_names_every_measure_and_reference_mode():
+    from gesturegen.evaluation import measures
+
+    units = {"↓", "↑", "s", "cm/f", "cm/s", "cm/s²", "cm/s³", "cm²", "mean", "max", "30", "60", "90"}
+    table = README[README.index("## What the figures mean") : README.index("## Files")]
+    for measure in measures(load_config()):
+        words = measure.heading.split()
+        bare = [word for word in words if word not in units] if words[0] not in units else words
+        assert " ".join(bare) in table, measure.heading
+    for mode in ("per_test_clip", "k", "speaker", "all", "list"):
+        assert f"| `{mode}` |" in README
+
+
+def test_help_is_quick_to_import():
+    """Nothing heavy is imported before a command runs."""
+    import subprocess
+    import sys
+
+    code = "import sys, gesturegen.cli; print([m for m in ('numpy', 'scipy', 'librosa', 'numba', 'pydantic') if m in sys.modules])"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"
