@@ -43,7 +43,7 @@ lint: install  ## style and unused names
 	$(BIN)/ruff format --check .
 
 bench: install  ## time and memory of each stage, beside the obvious implementation
-	$(BIN)/python scripts/bench.py
+	PYTHONPATH=. $(BIN)/python scripts/bench.py
 
 clean:  ## delete the environment and everything the demo wrote
 	rm -rf $(VENV) demo bench

@@ -325,11 +325,9 @@ def _reenact_clip(test: str, names: tuple[str, ...], config: Config) -> dict:
     files.write_text(folder / f"{test}.trace.json", submission.format_trace(trace))
     lacking = sorted(set(key_nodes.keywords.tolist()) - set(graph.key_nodes.keywords.tolist()))
     row = submission.clip_row(trace)
-    notes = [
-        f"keyword {word!r} is not in its references, so those pieces end at onsets"
-        for word in lacking
-        if config.termination.fallbacks
-    ]
+    notes = []
+    if lacking and config.termination.fallbacks:
+        notes.append(f"keywords that its references lack, so those pieces end at onsets: {', '.join(lacking)}")
     repeats = row["fallbacks"].get("repeat", 0)
     if repeats:
         notes.append(f"{repeats} of {row['pieces']} pieces hold one pose, because no path fits; give longer references")

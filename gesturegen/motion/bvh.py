@@ -21,7 +21,8 @@ _AXES = {"x": 0, "y": 1, "z": 2}
 _CHANNEL_NAMES = {f"{axis}{kind}".lower(): f"{axis}{kind}" for axis in "XYZ" for kind in ("position", "rotation")}
 # A recording has less than this many centimetres or degrees; more means a broken exporter.
 _LARGEST_VALUE = 1e6
-_LARGEST_FRAME_TIME = 1.0
+# Seconds. No recording is slower than one frame a second or faster than 10,000.
+_FRAME_TIMES = (1e-4, 1.0)
 
 
 def read(path: str | Path) -> Motion:
@@ -100,7 +101,8 @@ def _decode(path: Path, raw: bytes) -> str:
 def _split(path: Path, text: str) -> tuple[list[str], str, int]:
     """Hierarchy lines, the text after the line MOTION, and the line number at which that text starts."""
     for marker in ("<<<<<<<", ">>>>>>>"):
-        found = re.search(rf"^{marker}", text, re.MULTILINE)
+        # The plain look first: a multi-line pattern over a long file takes a second.
+        found = re.search(rf"^{marker}", text, re.MULTILINE) if marker in text else None
         if found:
             line = text.count("\n", 0, found.start()) + 1
             raise DataError(f"{path}:{line}: merge conflict marker {marker!r}; resolve the conflict first")
@@ -261,12 +263,14 @@ def _read_frames(path: Path, body: str, line: int, skeleton: Skeleton) -> tuple[
         )
     frame_line = line + body.count("\n", 0, found.start("frames"))
     time_line = line + body.count("\n", 0, found.start("time"))
-    if not re.fullmatch(r"\d+", found["frames"]) or int(found["frames"]) == 0:
-        raise DataError(f"{path}:{frame_line}: `Frames: {found['frames']}` is not a number of frames of at least 1")
-    frame_time = _number(found["time"])
-    if frame_time is None or not 0.0 < frame_time <= _LARGEST_FRAME_TIME:
+    if not re.fullmatch(r"\d{1,15}", found["frames"]) or int(found["frames"]) == 0:
         raise DataError(
-            f"{path}:{time_line}: `Frame Time: {found['time']}` is not a time between 0 and {_LARGEST_FRAME_TIME:g} s"
+            f"{path}:{frame_line}: `Frames: {found['frames'][:30]}` is not a number of frames of at least 1"
+        )
+    frame_time = _number(found["time"])
+    if frame_time is None or not _FRAME_TIMES[0] <= frame_time <= _FRAME_TIMES[1]:
+        raise DataError(
+            f"{path}:{time_line}: `Frame Time: {found['time'][:30]}` is not a time between {_FRAME_TIMES[0]:g} and {_FRAME_TIMES[1]:g} s"
         )
     declared = int(found["frames"])
     first_line = line + body.count("\n", 0, found.end())
@@ -370,8 +374,13 @@ def _to_motion(skeleton: Skeleton, values: np.ndarray, fps: float) -> Motion:
             joints_of, columns_of = by_order.setdefault(order, ([], []))
             joints_of.append(joint)
             columns_of.append(rotation_columns)
+    still = np.ptp(values, axis=0) == 0
     for order, (joints_of, columns_of) in by_order.items():
-        rotations[:, joints_of] = rotation.from_euler(order, np.radians(values[:, columns_of]))
+        joints, columns = np.array(joints_of), np.array(columns_of)
+        # A third of GENEA's joints never turn: convert their one pose once.
+        constant = still[columns].all(axis=1)
+        rotations[:, joints[constant]] = rotation.from_euler(order, np.radians(values[:1][:, columns[constant]]))
+        rotations[:, joints[~constant]] = rotation.from_euler(order, np.radians(values[:, columns[~constant]]))
     return Motion(skeleton, rotations, positions, fps)
 
 
