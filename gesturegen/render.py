@@ -12,12 +12,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from gesturegen.clips import Reference
+from gesturegen.clips import Reference, select_joints
 from gesturegen.config import Config
 from gesturegen.graph.motion_graph import MotionGraph
 from gesturegen.motion import blend, cleanup, kinematics, rotation
 from gesturegen.motion.skeleton import Motion
-from gesturegen.search.path import Path, Piece
+from gesturegen.search.path import Path, Piece, resampled_indices
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,8 @@ def render(path: Path, references: Sequence[Reference], graph: MotionGraph, conf
     before = nodes[:-1]
     hold = np.append(False, nodes[1:] == before)
     steps = _Steps(hold, np.append(False, (nodes[1:] != graph.successors[before]) & (nodes[1:] != before)))
-    successors = recorded.take(graph.successors[nodes])
+    # A body that stands still would go on standing, whatever the recording does next.
+    successors = recorded.take(np.where(hold, nodes, graph.successors[nodes]))
     if config.root.mode == "return":
         source, successors = _steady_root(source, successors, steps, references, config)
     rotations, positions = source.rotations.copy(), source.positions.copy()
@@ -54,11 +55,6 @@ def render(path: Path, references: Sequence[Reference], graph: MotionGraph, conf
     if config.fingers == "rest":
         rotations[:, _fingers(motion, config)] = rotation.IDENTITY
     return replace(motion, rotations=rotation.normalize(rotations), positions=positions)
-
-
-def source_indices(piece: Piece) -> np.ndarray:
-    """Fractional indices `[shape=(length,)]` into a piece's nodes, evenly placed over its target's frames."""
-    return np.linspace(0.0, len(piece.nodes) - 1.0, piece.target.length)
 
 
 class _Recorded:
@@ -92,7 +88,7 @@ def _steady_root(
     turns the travelled way along with the body, so that feet do not slide more than the decay makes them.
     """
     skeleton = source.skeleton
-    travelling = kinematics.travelling_joint(references[0].motion)
+    travelling = kinematics.travelling_joint([reference.motion for reference in references])
     pelvis = skeleton.pelvis(config.positions.root_joint)
     zero_heading = kinematics.world_transforms(references[0].motion.take(slice(0, 1)), [pelvis])[0][0, 0]
     here = _ground_poses(source, travelling, pelvis, zero_heading)
@@ -155,7 +151,7 @@ def _inertialize(
     """At every jump keep the new side and let its offset in pose and velocity to the old side decay, in place."""
     fps = successors.fps
     jumps = np.flatnonzero(steps.jump)
-    ends = np.append(jumps[1:], len(rotations))
+    ends = np.append(jumps, len(rotations))[1:]
     # What the current run adds to its source at the frame after its last one.
     turn_ahead, shift_ahead = np.zeros((*rotations.shape[1:-1], 3)), np.zeros(positions.shape[1:])
     for start, end in zip(jumps, ends, strict=True):
@@ -183,7 +179,7 @@ def _resample(motion: Motion, pieces: Sequence[Piece], how: str) -> Motion:
     """Every piece evenly resampled to its target's length."""
     times, first = [], 0
     for piece in pieces:
-        indices = source_indices(piece)
+        indices = resampled_indices(len(piece.nodes), piece.target.length)
         times.append(first + (np.round(indices) if how == "nearest" else indices))
         first += len(piece.nodes)
     return cleanup.interpolate(motion, np.concatenate(times))
@@ -207,4 +203,5 @@ def _fingers(motion: Motion, config: Config) -> list[int]:
     names = motion.skeleton.names
     wrists = [names.index(name) for name in config.wrists.joints if name in names]
     below = {joint for wrist in wrists for joint in motion.skeleton.descendants(wrist)}
-    return sorted(joint for joint in below if names[joint] not in config.joints)
+    selected, _ = select_joints(motion.skeleton, config)
+    return sorted(below - set(selected))

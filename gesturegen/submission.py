@@ -17,7 +17,7 @@ from gesturegen.keynodes import KeyNodes
 from gesturegen.motion import bvh
 from gesturegen.motion.skeleton import Skeleton
 from gesturegen.search.path import Path as SearchPath
-from gesturegen.search.path import Piece
+from gesturegen.search.path import Piece, resampled_indices
 
 
 def make_trace(
@@ -103,8 +103,8 @@ def shown_nodes(trace: Mapping) -> np.ndarray:
     """The graph node nearest to what each output frame shows `[shape=(n_frames,)]`."""
     return np.concatenate(
         [
-            np.asarray(piece["nodes"])[
-                np.round(np.linspace(0.0, len(piece["nodes"]) - 1.0, piece["target_length"])).astype(int)
+            np.array(piece["nodes"])[
+                np.round(resampled_indices(len(piece["nodes"]), piece["target_length"])).astype(int)
             ]
             for piece in trace["pieces"]
         ]

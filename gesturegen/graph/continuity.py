@@ -94,6 +94,9 @@ class _Preselection:
 
     def __init__(self, points: np.ndarray):
         centred = points - points.mean(axis=0)
+        # Squares of very small or large coordinates would leave float32's range.
+        self.scale = float(np.abs(centred).max()) or 1.0
+        centred = centred / self.scale
         self.points = centred.astype(np.float32)
         self.squares = np.einsum("ij,ij->i", centred, centred)
         # Rounding the inputs, a dot product of D terms in any order and the sum, each relative to the norms.
@@ -104,7 +107,7 @@ class _Preselection:
         """bool `[shape=(L, T)]`: False only where `weight` times the distance is at least the left's limit."""
         if weight == 0.0:
             return np.broadcast_to(limits[:, None] > 0, (len(limits), len(self.points))).copy()
-        reach = np.where(limits > 0, (limits / weight) ** 2 + self.slack, -np.inf)
+        reach = np.where(limits > 0, (limits / (weight * self.scale)) ** 2 + self.slack, -np.inf)
         # ||a - b||^2 < reach  <=>  a . b > (||a||^2 + ||b||^2 - reach) / 2, and both sides fit float32 with the slack.
         products = self.points[lefts] @ self.points.T
         products -= (0.5 * self.squares).astype(np.float32)

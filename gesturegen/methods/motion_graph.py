@@ -35,7 +35,8 @@ def search(graph: MotionGraph, speech: Speech, config: Config, rng: np.random.Ge
         piece = _search_piece(graph, target, pieces[-1] if pieces else None, distances, config, rng)
         if piece is None:
             return Path((Track(tuple(pieces)),), failure=target)
-        occurrences += np.isin(graph.key_nodes.frames, piece.nodes)
+        if piece.fallback != "repeat":  # a held pose is no accepted path
+            occurrences += np.isin(graph.key_nodes.frames, piece.nodes)
         pieces.append(piece)
     return Path((Track(tuple(pieces)),))
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from gesturegen.motion import rotation
@@ -45,9 +47,14 @@ def _with_ancestors(skeleton: Skeleton, joints: list[int]) -> list[int]:
     return sorted(needed)
 
 
-def travelling_joint(motion: Motion) -> int:
-    """The first joint whose position channels vary (`body_world` in GENEA data), else the root."""
-    return next((int(j) for j in np.flatnonzero(np.ptp(motion.positions, axis=0).max(axis=-1) > 1e-6)), 0)
+def travelling_joint(motions: Sequence[Motion]) -> int:
+    """The first joint whose position channels vary (`body_world` in GENEA data), else the root.
+
+    motions : of one skeleton; positions that differ between them vary too
+    """
+    low = np.min([motion.positions.min(axis=0) for motion in motions], axis=0)
+    high = np.max([motion.positions.max(axis=0) for motion in motions], axis=0)
+    return next((int(j) for j in np.flatnonzero((high - low).max(axis=-1) > 1e-6)), 0)
 
 
 def relative_positions(motion: Motion, joints: list[int], pelvis: int, relative_to: str) -> np.ndarray:

@@ -146,4 +146,4 @@ def _before(a, b, costs, nodes, lengths, natural_start):
     for k in range(min(lengths[a], lengths[b])):
         if nodes[a, k] != nodes[b, k]:
             return nodes[a, k] < nodes[b, k]
-    return lengths[a] < lengths[b]
+    return False  # the same path: no watched path continues another

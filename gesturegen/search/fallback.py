@@ -30,7 +30,7 @@ class StopNodes:
         """bool `[shape=(N,)]`; call it once for each attempt, in order."""
         if not self.settings.fallbacks:
             return self.stops
-        if self.keyword and retry > self.settings.keyword_retries and self.fallback is None:
+        if self.keyword and retry == self.settings.keyword_retries + 1:
             self.stops, self.fallback = self.rhythmic.copy(), "keyword"
         if retry > self.settings.discard_after_retries:
             self._discard()

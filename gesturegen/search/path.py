@@ -44,6 +44,14 @@ class Piece:
         object.__setattr__(self, "nodes", read_only(self.nodes))
 
 
+def resampled_indices(n_nodes: int, length: int) -> np.ndarray:
+    """Fractional indices `[shape=(length,)]` into a piece's nodes, evenly placed over its target's frames.
+
+    The last frame shows the last node, a stop node; so does the only frame of a piece of one.
+    """
+    return np.linspace(0.0, n_nodes - 1.0, length) if length > 1 else np.array([n_nodes - 1.0])
+
+
 @dataclass(frozen=True, eq=False)
 class Track:
     """The pieces, in order, that move one set of joints (None: all of them)."""

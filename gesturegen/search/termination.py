@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gesturegen.keynodes import BREAK, KEYWORD, ONSET, KeyNodes
+from gesturegen.keynodes import BREAK, KeyNodes
 from gesturegen.search.path import Target
 
 
@@ -15,6 +15,6 @@ def targets(key_nodes: KeyNodes, n_frames: int) -> list[Target]:
     ]
     pieces, start = [], 0
     for end, kind, keyword in [*cuts, (n_frames, BREAK, "")]:
-        pieces.append(Target(start, end, KEYWORD if kind == KEYWORD else ONSET if kind == ONSET else BREAK, keyword))
+        pieces.append(Target(start, end, kind, keyword))
         start = end
     return pieces

@@ -1,0 +1,79 @@
+"""Traces, the manifest and the check of what was written."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from gesturegen import submission
+from gesturegen.motion import bvh
+from gesturegen.search.path import Piece, Target
+from tests.builders import chain, random_motion
+
+
+def test_the_trace_reads_back_and_has_one_line_per_row():
+    trace = {"clip": "a", "pieces": [{"nodes": [1, 2]}, {"nodes": [3]}], "joins": [], "failure": None}
+    text = submission.format_trace(trace)
+    assert json.loads(text) == trace
+    assert [line.strip() for line in text.splitlines()][3:5] == ['{"nodes": [1, 2]},', '{"nodes": [3]}']
+
+
+@pytest.mark.parametrize(("nodes", "length"), [([4, 5, 6], 3), ([4], 3), ([4, 5, 6, 7], 2), ([1, 9], 5)])
+def test_shown_nodes_are_evenly_resampled(nodes, length):
+    piece = submission._describe_piece(Piece(Target(0, length, "onset"), np.array(nodes), 0.0))
+    shown = submission.shown_nodes({"pieces": [piece]})
+    places = [round(k * (len(nodes) - 1) / max(length - 1, 1)) for k in range(length)]
+    assert shown.tolist() == [nodes[place] for place in places]
+
+
+def test_a_valid_file_has_no_problem(tmp_path):
+    motion = random_motion(chain(3), 20)
+    bvh.write(tmp_path / "a.bvh", motion)
+    assert submission.check_motion(tmp_path / "a.bvh", motion.skeleton, 20, 30.0) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda m: (m.take(slice(0, 19)), 20), "19 frames, the speech has 20"),
+        (lambda m: (random_motion(chain(4), 20), 20), "4 joints against 3"),
+        (lambda m: (random_motion(chain(3, offsets=[[0, 0, 0], [9, 0, 0], [10, 0, 0]]), 20), 20), "OFFSET"),
+        (lambda m: (random_motion(chain(3), 20, fps=60.0), 20), "60 fps, expected 30"),
+    ],
+)
+def test_an_invalid_file_says_why(change, words, tmp_path):
+    motion = random_motion(chain(3), 20)
+    other, frames = change(motion)
+    bvh.write(tmp_path / "a.bvh", other)
+    problems = submission.check_motion(tmp_path / "a.bvh", motion.skeleton, frames, 30.0)
+    assert len(problems) == 1 and words in problems[0] and "a.bvh" in problems[0]
+
+
+def test_missing_and_broken_files_are_problems(tmp_path):
+    skeleton = chain(3)
+    assert "missing" in submission.check_motion(tmp_path / "a.bvh", skeleton, 20, 30.0)[0]
+    (tmp_path / "b.bvh").write_text("HIERARCHY\n")
+    assert "MOTION" in submission.check_motion(tmp_path / "b.bvh", skeleton, 20, 30.0)[0]
+
+
+def test_the_output_is_in_the_strictest_readers_grammar():
+    """Some readers know only these tokens, `End` as it is, OFFSET before CHANNELS, and one number per channel."""
+    text = bvh.format_bvh(random_motion(chain(5, end_sites=[[np.nan] * 3] * 4 + [[1, 2, 3]]), 7))
+    tokens, rest = re.Scanner(
+        [
+            (r"[a-zA-Z_]\w*", lambda _, token: token),
+            (r"-*[0-9]*\.?[0-9]+([eE][-+]?[0-9]+)?", lambda _, token: float(token)),
+            (r"[{}]", lambda _, token: token),
+            (r":|\s+", None),
+        ]
+    ).scan(text)
+    assert rest == ""
+    motion = tokens.index("MOTION")
+    assert tokens[motion + 1 : motion + 5] == ["Frames", 7.0, "Frame", "Time"]
+    assert tokens[motion + 5] == pytest.approx(1 / 30, abs=1e-6)
+    channels = sum(int(tokens[k + 1]) for k, token in enumerate(tokens) if token == "CHANNELS")
+    assert len(tokens) - (motion + 6) == 7 * channels
+    for k, token in enumerate(tokens):
+        if token in ("ROOT", "JOINT"):
+            assert tokens[k + 2 : k + 4] == ["{", "OFFSET"] and tokens[k + 7] == "CHANNELS"
