@@ -224,11 +224,12 @@ def prepare(recording: Recording, config: Config, with_motion: bool) -> Clip:
     notes: list[str] = []
     if recording.transcript_path is not None:
         words, notes = transcript.read(recording.transcript_path, duration)
-    if words and not len(peaks.select(config.onsets.min_strength, config.onsets.muted_max_share)):
+    if not len(peaks.select(config.onsets.min_strength, config.onsets.muted_max_share)):
         strongest = peaks.strengths.max(initial=0.0)
+        what = f"{len(words)} words but no onset" if words else "no onset"
         notes.append(
-            f"{len(words)} words but no onset: the strongest peak is {strongest:.1f}, onsets.min_strength is "
-            f"{config.onsets.min_strength:g}; lower it for quiet or noisy recordings"
+            f"{what}: the strongest peak is {strongest:.1f}, onsets.min_strength is {config.onsets.min_strength:g}; "
+            "lower it for quiet or noisy recordings"
         )
     clip = Clip(recording.name, recording.speaker, duration, peaks, words, notes=tuple(notes))
     return _with_motion(clip, recording, config) if with_motion else clip

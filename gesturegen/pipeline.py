@@ -145,7 +145,7 @@ def _index(
             if name in done
         },
         "training_seconds": sum(_training_seconds(config, references, outcome)),
-        "failed": outcome.errors,
+        "failed": {name: outcome.errors.get(name, "a bug of gesturegen") for name in tests if name not in done},
     }
 
 
@@ -282,19 +282,18 @@ def reenact(config: Config, jobs: int, quiet: bool) -> Summary:
     outcome = for_each(
         {test: partial(_reenact_clip, test, names, config) for test, names in chosen.items()}, jobs, "reenact", quiet
     )
-    rows = [dict(done["row"]) for done in outcome.done.values()]
-    for name, error in (outcome.errors | {name: "a bug of gesturegen" for name in outcome.bugs}).items():
+    rows = [done["row"] for done in outcome.done.values()]
+    outcome.errors |= {name: f"failed in preprocess: {error}" for name, error in index["failed"].items()}
+    for name, error in (outcome.errors | dict.fromkeys(outcome.bugs, "a bug of gesturegen")).items():
         _remove_results(folder, name)
-        rows.append({"clip": name, "references": list(chosen[name]), "error": error})
-    missing = {name: "failed in preprocess: " + error for name, error in index["failed"].items() if name not in chosen}
+        rows.append({"clip": name, "references": list(chosen.get(name, ())), "stuck": False, "error": error})
     files.write_json(folder / "manifest.json", submission.manifest(rows, config, folder))
-    for row in rows:
-        if row.get("error") and row["clip"] in outcome.done:
-            outcome.errors[row["clip"]] = row["error"]
-            del outcome.done[row["clip"]]
     summary = Summary(outcome, written=[folder])
     summary.warnings = [(name, note) for name, done in outcome.done.items() for note in done["notes"]]
-    summary.warnings += [(name, note) for name, note in sorted(missing.items())]
+    for row in rows:
+        if row["stuck"]:
+            del outcome.done[row["clip"]]
+            outcome.errors[row["clip"]] = row["error"]
     summary.lines = [_describe_row(done["row"]) for done in outcome.done.values()]
     return summary
 
@@ -387,17 +386,18 @@ def evaluate(
         _add_utilisation(rows, total, {name: done["references"] for name, done in measured.items()}, index)
     columns = evaluation.measures(config)
     summary = Summary(outcome)
+    suffix = "" if bvh_folder is None else "_files"
     if compat:
         columns = list(evaluation.COMPAT_MEASURES)
         rows, total = evaluation.genea_compat(generated, truths)
         signature["conventions"] = "genea"
+        suffix += "_genea"
     summary.lines = [tables.format_blocks(rows, total, columns), "", _signature_line(signature)]
-    summary.written = _write_tables(config, rows, total, columns, signature, compat)
+    summary.written = _write_tables(config, rows, total, columns, signature, suffix)
     return summary
 
 
-def _write_tables(config: Config, rows: dict, total: dict, columns: list, signature: dict, compat: bool) -> list[Path]:
-    suffix = "_genea" if compat else ""
+def _write_tables(config: Config, rows: dict, total: dict, columns: list, signature: dict, suffix: str) -> list[Path]:
     csv_path, json_path = (
         _work(config, "evaluate", name) for name in (f"metrics{suffix}.csv", f"summary{suffix}.json")
     )
@@ -422,8 +422,9 @@ def _own_evidence(config: Config, index: dict, truth_folder: Path | None) -> tup
     evidence, failed = [], []
     for row in manifest["clips"]:
         name = row["clip"]
-        if row["error"]:
+        if row["stuck"]:
             failed.append(name)
+        if row["error"]:
             continue
         evidence.append(
             _Evidence(

@@ -114,7 +114,7 @@ def shown_nodes(trace: Mapping) -> np.ndarray:
 def manifest(results: Iterable[Mapping], config: Config, folder: Path) -> dict:
     """What was run, on what, with which figures and file hashes; the same for the same inputs.
 
-    results : one row per test clip, of `clip_row` or `{"clip": name, "error": message}`
+    results : one row per test clip, of `clip_row`, or with an error in place of figures
     """
     rows = []
     for row in sorted(results, key=lambda row: row["clip"]):
@@ -151,6 +151,7 @@ def clip_row(trace: Mapping) -> dict:
         "hard_joins": sum(not join["natural"] for join in trace["joins"]),
         "retries": sum(piece["retries"] for piece in trace["pieces"]),
         "fallbacks": dict(sorted(fallbacks.items())),
+        "stuck": stuck is not None,
         "error": stuck and describe_failure(stuck, trace["fps"]),
     }
 

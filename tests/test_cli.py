@@ -198,7 +198,7 @@ def test_evaluate_anybodys_files(finished, recorded, tmp_path):
         "evaluate", "--bvh", truth, "--truth", truth, "--audio", recorded / "trn/main-agent/wav", "--work", tmp_path
     )
     assert "[paper]" in result.output
-    total = json.loads((tmp_path / "evaluate/summary.json").read_text())["total"]
+    total = json.loads((tmp_path / "evaluate/summary_files.json").read_text())["total"]
     assert total["syn"] == 0 and total["hellinger"] == 0 and total["seam_jerk"] is None and total["bc_kernel"] > 0
 
 
@@ -210,7 +210,7 @@ def test_genea_compat_gives_the_published_figures(tmp_path):
     succeed(
         "evaluate", "--genea-compat", "--bvh", tmp_path / "gen", "--truth", tmp_path / "true", "--work", tmp_path / "w"
     )
-    total = json.loads((tmp_path / "w/evaluate/summary_genea.json").read_text())["total"]
+    total = json.loads((tmp_path / "w/evaluate/summary_files_genea.json").read_text())["total"]
     figures = json.loads((golden / "figures.json").read_text())
     assert total["jerk"] == pytest.approx(figures["generated"]["jerk"], rel=1e-12)
     assert total["acceleration"] == pytest.approx(figures["generated"]["acceleration"], rel=1e-12)
@@ -285,8 +285,13 @@ def test_broken_tests_are_one_line_each_and_the_rest_is_done(data, tmp_path):
     result = run("preprocess", "--data", data, "--work", work, "-j", 1)
     assert result.exit_code == 1
     assert [name for name in TESTS for line in errors(result) if name in line] == ["tst_a", "tst_b"]
-    for command in ("build-graph", "reenact", "evaluate"):
-        succeed(command, "--data", data, "--work", work, "-j", 1)
+    succeed("build-graph", "--data", data, "--work", work, "-j", 1)
+    result = run("reenact", "--data", data, "--work", work, "-j", 1)
+    assert result.exit_code == 1 and ["failed in preprocess" in line for line in errors(result)] == [True, True, False]
+    succeed("evaluate", "--data", data, "--work", work, "-j", 1)
+    assert json.loads((work / "evaluate/summary.json").read_text())["total"]["failure"] == 0
+    rows = json.loads((work / "reenact/manifest.json").read_text())["clips"]
+    assert [row["clip"] for row in rows if row["error"]] == ["tst_a", "tst_b"]
     assert sorted(path.name for path in (work / "reenact").glob("*.bvh")) == ["tst_c.bvh"]
 
 
@@ -424,6 +429,7 @@ def only_test(data: Path, name: str = "tst_a") -> Path:
 
 def test_silence_gives_motion(data, tmp_path):
     write_audio(only_test(data), np.zeros(16000 * 2))
+    (data / "tst/main-agent/tsv/tst_a.tsv").unlink()
     results = all_commands(data, tmp_path)
     assert bvh.read(tmp_path / "reenact/tst_a.bvh").n_frames == 60
     assert "tst_a" in results[0].output and "no onset" in results[0].output

@@ -45,12 +45,14 @@ def clean_wrists(motion: Motion, segment_starts: np.ndarray, settings: Wrists) -
     names = motion.skeleton.names
     notes = []
     missing = [name for name in settings.joints if name not in names]
+    if len(missing) == len(settings.joints):
+        return motion, ["the skeleton has none of the wrist joints, so no wrist is cleaned (wrists.joints)"]
     if missing:
         notes.append(f"the skeleton has no wrist joint {', '.join(missing)}, which is not cleaned (wrists.joints)")
     rotations = motion.rotations.copy()
     ends = np.append(segment_starts[1:], motion.n_frames)
     short = int(np.sum(ends - segment_starts < settings.window))
-    if short and len(missing) < len(settings.joints):
+    if short:
         notes.append(
             f"{short} segment(s) shorter than {settings.window} frames: their wrists are locked but not filtered"
         )
