@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from gesturegen import files
-from gesturegen.config import Config, read_yaml
+from gesturegen import files, strict_yaml
+from gesturegen.config import Config
 from gesturegen.errors import ConfigError, DataError
 from gesturegen.motion import bvh, cleanup, kinematics, rotation
 from gesturegen.motion.skeleton import Motion, Skeleton, read_only
@@ -36,13 +36,17 @@ _SETTINGS = (
 
 @dataclass(frozen=True)
 class Recording:
-    """The files of one clip; None where there is no such file."""
+    """The files of one clip; None where there is no such file.
+
+    problem : why it cannot be used whatever the files hold, None for no reason
+    """
 
     name: str
     motion_path: Path | None
     audio_path: Path | None
     transcript_path: Path | None
     speaker: str | None = None
+    problem: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +128,7 @@ class Clip:
 
 def reference_recordings(config: Config) -> list[Recording]:
     """The recordings that may become references, without the blacklist; DataError when none is left."""
-    folder = _folder(config.data.references, config.paths.data, config.data.reference_split, "reference")
+    folder = _reference_folder(config)
     found = [recording for recording in list_recordings(folder) if recording.motion_path]
     if not found:
         raise DataError(f"{folder}: no BVH file in it; expected GENEA's {AGENT}/bvh, or BVH and WAV files side by side")
@@ -136,17 +140,33 @@ def reference_recordings(config: Config) -> list[Recording]:
 
 def blacklisted_recordings(config: Config) -> list[Recording]:
     """The recordings that the blacklist keeps from becoming references."""
-    folder = _folder(config.data.references, config.paths.data, config.data.reference_split, "reference")
-    return [r for r in list_recordings(folder) if r.motion_path and is_listed(r.name, config.blacklist)]
+    recordings = list_recordings(_reference_folder(config))
+    return [r for r in recordings if r.motion_path and is_listed(r.name, config.blacklist)]
+
+
+def recordings_without_motion(config: Config) -> list[Recording]:
+    """Recordings among the references that lack a BVH file; none where tests lie in the same folder."""
+    folder = _reference_folder(config)
+    if folder == _test_folder(config):
+        return []
+    return [recording for recording in list_recordings(folder) if not recording.motion_path]
 
 
 def test_recordings(config: Config) -> list[Recording]:
     """The recordings whose speech is to be gestured; DataError when there is none."""
-    folder = _folder(config.data.tests, config.paths.data, config.data.test_split, "test")
+    folder = _test_folder(config)
     found = [recording for recording in list_recordings(folder) if recording.audio_path or recording.transcript_path]
     if not found:
         raise DataError(f"{folder}: no audio file in it; expected GENEA's {AGENT}/wav, or WAV, FLAC or OGG files")
     return found
+
+
+def _reference_folder(config: Config) -> Path:
+    return _folder(config.data.references, config.paths.data, config.data.reference_split, "reference")
+
+
+def _test_folder(config: Config) -> Path:
+    return _folder(config.data.tests, config.paths.data, config.data.test_split, "test")
 
 
 def _folder(chosen: str | None, data: str, split: str, what: str) -> Path:
@@ -161,28 +181,30 @@ def list_recordings(folder: str | Path) -> list[Recording]:
     """All recordings of a folder, sorted by name: GENEA's layout, `bvh`/`wav`/`tsv` folders, or files side by side."""
     folder = Path(folder)
     agent = folder / AGENT if (folder / AGENT).is_dir() else folder
-    motions = _stems(agent, "bvh", (".bvh",))
-    audios = _stems(agent, "wav", audio.EXTENSIONS)
-    transcripts = _stems(agent, "tsv", (".tsv",))
+    problems: dict[str, str] = {}
+    motions = _stems(agent, "bvh", (".bvh",), problems)
+    audios = _stems(agent, "wav", audio.EXTENSIONS, problems)
+    transcripts = _stems(agent, "tsv", (".tsv",), problems)
     speakers = _speakers(folder / "metadata.csv")
     names = sorted({*motions, *audios, *transcripts})
     return [
         Recording(
             name, motions.get(name), audios.get(name), transcripts.get(name),
-            speakers.get(name) or speakers.get(name.removesuffix(f"_{AGENT}")),
+            speakers.get(name) or speakers.get(name.removesuffix(f"_{AGENT}")), problems.get(name),
         )
         for name in names
     ]  # fmt: skip
 
 
-def _stems(folder: Path, kind: str, extensions: tuple[str, ...]) -> dict[str, Path]:
+def _stems(folder: Path, kind: str, extensions: tuple[str, ...], problems: dict[str, str]) -> dict[str, Path]:
+    """Files of one kind by clip name; a clip with two of them is noted in `problems`."""
     inside = folder / kind
     paths = sorted((inside if inside.is_dir() else folder).iterdir())
     found: dict[str, Path] = {}
     for path in paths:
         if path.suffix.lower() in extensions and not path.name.startswith("."):
             if path.stem in found:
-                raise DataError(f"{path}: clip {path.stem} has a second file {found[path.stem].name}; keep one of them")
+                problems[path.stem] = f"{path}: clip {path.stem} has a second file {found[path.stem].name}; keep one"
             found[path.stem] = path
     return found
 
@@ -211,6 +233,8 @@ def is_listed(name: str, patterns: Sequence[str]) -> bool:
 
 def prepare(recording: Recording, config: Config, with_motion: bool) -> Clip:
     """Read, check and clean one recording; raises DataError for anything that cannot be used."""
+    if recording.problem is not None:
+        raise DataError(recording.problem)
     if recording.audio_path is None:
         raise DataError(
             f"clip {recording.name}: no audio file beside it; add {recording.name}.wav, or blacklist the clip"
@@ -366,17 +390,29 @@ def load(path: str | Path, config: Config, with_motion: bool = True) -> Clip:
         )  # fmt: skip
     except KeyError as error:
         raise DataError(f"{path}: no array {error} in it; delete it and run preprocess again") from None
+    except (ValueError, TypeError, IndexError) as error:
+        raise DataError(f"{path}: damaged ({error}); delete it and run preprocess again") from None
 
 
 def check_settings(path: Path, stored: str, wanted: str, command: str) -> None:
     """DataError naming the first setting in which a stored file differs from the config."""
-    before, now = json.loads(stored), json.loads(wanted)
-    for key in now:
-        if before.get(key) != now[key]:
+    before, now = _leaves(json.loads(stored)), _leaves(json.loads(wanted))
+    for key in sorted(before.keys() | now.keys()):
+        if before.get(key) != now.get(key):
             raise DataError(
-                f"{path}: made with {key} = {_brief(before.get(key))}, the config says {_brief(now[key])}; "
+                f"{path}: made with {key} = {_brief(before.get(key))}, the config says {_brief(now.get(key))}; "
                 f"run `gesturegen {command}` again"
             )
+
+
+def _leaves(value, name: str = "") -> dict:
+    """Settings by their full key path."""
+    if not isinstance(value, dict):
+        return {name: value}
+    found: dict = {}
+    for key, inner in value.items():
+        found |= _leaves(inner, f"{name}.{key}" if name else key)
+    return found
 
 
 def _brief(value) -> str:
@@ -443,9 +479,9 @@ def _of_speaker(test: str, speaker: str | None, references: Mapping[str, str | N
 
 
 def _pinned(tests: Sequence[str], names: Sequence[str], path: Path) -> dict[str, tuple[str, ...]]:
-    pins = read_yaml(path)
+    pins = strict_yaml.read(path, "check references.list")
     if not isinstance(pins, dict):
-        raise ConfigError(f"{path}: expected `test clip: reference clip` lines, or a list of reference clips")
+        raise ConfigError(f"{path}: expected `test clip: reference clip` lines")
     chosen = {}
     for test in sorted(tests):
         pinned = pins.get(test, pins.get(test.removesuffix(f"_{AGENT}")))

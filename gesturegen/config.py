@@ -14,9 +14,9 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from gesturegen import strict_yaml
 from gesturegen.errors import ConfigError
 
 Positive = Annotated[float, Field(gt=0)]
@@ -246,101 +246,30 @@ def load_config(
     lines: dict[tuple, int] = {}
     if path is not None:
         origin = str(path)
-        values, lines = _read_mapping(Path(path))
+        values, lines = strict_yaml.read_mapping(path, "give an existing file with --config")
     set_keys = set()
     for override in overrides:
         set_keys.add(_apply_override(values, override))
     for key, folder in (folders or {}).items():
         section, name = key.split(".")
-        values[section] = (values.get(section) or {}) | {name: folder}
+        if values.get(section) is None:
+            values[section] = {}
+        if isinstance(values[section], dict):  # anything else is refused below
+            values[section][name] = folder
     try:
         config = Config.model_validate_json(json.dumps(values, default=str))
     except ValidationError as error:
-        raise ConfigError(
-            "\n".join(_describe(problem, origin, lines, set_keys) for problem in error.errors())
-        ) from None
+        problems = [problem for problem in error.errors() if not _of_other_member(problem)]
+        mistakes = [_describe(problem, origin, lines, set_keys) for problem in problems]
+        raise ConfigError("\n".join(dict.fromkeys(mistakes))) from None
     return _with_keywords(config, Path(path).parent if path is not None else None)
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML in which a key that stands twice is an error instead of the last one winning in silence."""
-
-
-def _construct_mapping(loader: _Loader, node: yaml.MappingNode) -> dict:
-    seen: dict[Any, int] = {}
-    for key_node, _ in node.value:
-        key = loader.construct_object(key_node, deep=True)
-        line = key_node.start_mark.line + 1
-        if not isinstance(key, str):
-            raise ConfigError(
-                f"{loader.name}:{line}: key {key!r} is read by YAML as a {type(key).__name__}; put it in quotes"
-            )
-        if key in seen:
-            raise ConfigError(f"{loader.name}:{line}: key {key!r} stands twice, first in line {seen[key]}; keep one")
-        seen[key] = line
-    return yaml.SafeLoader.construct_mapping(loader, node, deep=True)
-
-
-_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _construct_mapping)
-
-
-def read_yaml(path: Path) -> Any:
-    """A YAML file; raises ConfigError with the line for what is missing or malformed."""
-    return _compose(path)[0]
-
-
-def _compose(path: Path) -> tuple[Any, yaml.Node | None]:
-    try:
-        text = path.read_text()
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror}); give an existing file with --config") from None
-    except UnicodeDecodeError:
-        raise ConfigError(f"{path}: not a text file in UTF-8") from None
-    try:
-        loader = _Loader(text)
-        loader.name = str(path)
-        try:
-            node = loader.get_single_node()
-            return (loader.construct_document(node) if node is not None else None), node
-        finally:
-            loader.dispose()
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f":{mark.line + 1}" if mark else ""
-        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise ConfigError(f"{path}{where}: not valid YAML ({problem})") from None
-
-
-def _read_mapping(path: Path) -> tuple[dict, dict[tuple, int]]:
-    values, node = _compose(path)
-    if values is None:
-        return {}, {}
-    if not isinstance(values, dict):
-        raise ConfigError(f"{path}: expected `key: value` lines, found a {type(values).__name__}")
-    lines: dict[tuple, int] = {}
-
-    def note(node: yaml.Node, at: tuple) -> None:
-        if isinstance(node, yaml.MappingNode):
-            for key, value in node.value:
-                lines[(*at, key.value)] = key.start_mark.line + 1
-                note(value, (*at, key.value))
-        elif isinstance(node, yaml.SequenceNode):
-            for number, value in enumerate(node.value):
-                lines[(*at, number)] = value.start_mark.line + 1
-                note(value, (*at, number))
-
-    note(node, ())
-    return values, lines
 
 
 def _apply_override(values: dict, override: str) -> tuple:
     key, equals, text = override.partition("=")
     if not equals or not key.strip():
         raise ConfigError(f"--set {override!r}: expected key=value, such as continuity.l_pn=1")
-    try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError:
-        raise ConfigError(f"--set {override!r}: the value is not valid YAML") from None
+    value = strict_yaml.parse(text, f"--set {override}")
     parts = tuple(key.strip().split("."))
     place = values
     for part in parts[:-1]:
@@ -353,11 +282,17 @@ def _apply_override(values: dict, override: str) -> tuple:
     return parts
 
 
+def _of_other_member(problem: dict) -> bool:
+    """Whether a list of joints is called no `all`: a list is wrong for its elements only."""
+    return problem["loc"][0] == "joints" and problem["type"] == "literal_error" and isinstance(problem["input"], list)
+
+
 def _describe(problem: dict, origin: str, lines: dict[tuple, int], set_keys: set[tuple]) -> str:
     """One line for one of pydantic's errors."""
-    found_key = tuple(problem["loc"])
-    # The union of `joints` adds the tried type to the path; a key of the file never looks like that.
-    key = tuple(part for part in found_key if not (isinstance(part, str) and ("[" in part or part == "tuple")))
+    key = tuple(problem["loc"])
+    if key[:1] == ("joints",):
+        # The union adds the member it tried to the path; an index into the list may follow.
+        key = ("joints", *(part for part in key[1:] if isinstance(part, int)))
     if any(key[: len(parts)] == parts[: len(key)] for parts in set_keys):
         where = "--set"
     else:
@@ -369,14 +304,34 @@ def _describe(problem: dict, origin: str, lines: dict[tuple, int], set_keys: set
         near = get_close_matches(str(key[-1]), allowed, n=1, cutoff=0.5)
         hint = f"did you mean {near[0]!r}?" if near else f"allowed here: {', '.join(allowed)}"
         return f"{where}: unknown key {name!r}; {hint}"
-    message = problem["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
-    found = problem["input"]
-    hint = ""
+    if problem["type"] == "missing":
+        return f"{where}: {name}: missing; add this key"
+    found, allowed = problem["input"], _allowed(problem["msg"])
+    if problem["type"] == "value_error":
+        return f"{where}: {name}: {allowed}"
+    if key == ("joints",):
+        allowed = "'all' or a list of joint names"
+    return f"{where}: {name}: found {_brief(found)}, allowed: {allowed}{_hint(found)}"
+
+
+def _allowed(message: str) -> str:
+    """pydantic's words, which are JSON's, in those of YAML."""
+    message = message.removeprefix("Value error, ").removeprefix("Input should be ")
+    message = message.replace("an object", "a section").replace("a valid array", "a list")
+    return message[0].lower() + message[1:]
+
+
+def _brief(found: Any) -> str:
+    text = json.dumps(found, ensure_ascii=False)
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def _hint(found: Any) -> str:
     if isinstance(found, str) and _is_number(found):
-        hint = f" (YAML reads {found} as text; write it with a decimal point, as in 1.0e-3)"
-    if isinstance(found, dict):
-        return f"{where}: {name}: {message[0].lower()}{message[1:]}"
-    return f"{where}: {name}: found {json.dumps(found, ensure_ascii=False)}, allowed: {message[0].lower()}{message[1:]}{hint}"
+        if "e" in found.lower():
+            return f" (YAML reads {found} as text; write it with a decimal point, as in 1.0e-3)"
+        return " (this is text; write the number without quotes)"
+    return ""
 
 
 def _is_number(text: str) -> bool:
@@ -403,17 +358,29 @@ def _keys_beside(key: tuple) -> list[str]:
 def _with_keywords(config: Config, folder: Path | None) -> Config:
     """Read the keyword list into the config, so that nothing later depends on where it was kept."""
     if config.keywords.words is not None:
-        return config
+        words = _lower_cased(config.keywords.words, "keywords.words")
+        return config.model_copy(update={"keywords": Keywords(file=config.keywords.file, words=words)})
     name = config.keywords.file or "keywords.yaml"
     places = [*([folder] if folder else []), Path(), configs_folder()]
     path = next((place / name for place in places if (place / name).is_file()), None)
     if path is None:
         tried = ", ".join(str(place / name) for place in places)
         raise ConfigError(f"keywords.file: {name!r} does not exist (looked at {tried})")
-    words = read_yaml(path)
+    words = strict_yaml.read(path)
     if not isinstance(words, dict) or not all(isinstance(value, str) for value in words.values()):
         raise ConfigError(
             f"{path}: expected `word: keyword` lines with text on both sides; put words such as no and on in quotes"
         )
-    words = {word.lower(): keyword for word, keyword in sorted(words.items())}
+    words = _lower_cased(words, str(path))
     return config.model_copy(update={"keywords": Keywords(file=config.keywords.file, words=words)})
+
+
+def _lower_cased(words: Mapping[str, str], where: str) -> dict[str, str]:
+    """Words as transcripts have them after normalization; ConfigError for what can never match."""
+    lower: dict[str, str] = {}
+    for word, keyword in sorted(words.items()):
+        if not word.strip() or len(word.split()) != 1:
+            raise ConfigError(f"{where}: {word!r} is not one word, so no transcript can match it")
+        if lower.setdefault(word.lower(), keyword) != keyword:
+            raise ConfigError(f"{where}: {word!r} stands twice with different keywords; keep one")
+    return lower

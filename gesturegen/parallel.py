@@ -53,6 +53,7 @@ def for_each(tasks: Mapping[str, Callable[[], Any]], jobs: int, label: str, quie
     try:
         # disable=None: no bar where the output is no terminal.
         with tqdm(total=len(names), desc=label, unit="clip", disable=True if quiet else None) as bar:
+            bar.set_postfix(failed=0)
             for name, kind, value in results:
                 getattr(outcome, kind)[name] = value
                 bar.set_postfix(failed=outcome.failed, refresh=False)

@@ -13,6 +13,7 @@ from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from gesturegen import __version__, clips, evaluation, files, keynodes, render, submission, tables
 from gesturegen.config import Config, configs_folder
@@ -90,6 +91,9 @@ def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None =
     files.write_json(_work(config, "clips", "index.json"), _index(config, references, tests, outcome))
     summary = Summary(outcome, [(name, note) for name, done in outcome.done.items() for note in done["notes"]])
     summary.warnings += _unmatched_patterns(config, references)
+    summary.warnings += [
+        (recording.name, "no BVH file, so it is no reference") for recording in clips.recordings_without_motion(config)
+    ]
     if config.keywords.words == {}:
         summary.warnings.append(("keywords", "the keyword list is empty, so no piece ends at a keyword"))
     summary.lines.append(
@@ -381,7 +385,10 @@ def evaluate(
     rows = dict(sorted(rows.items()))
     generated = {name: done["generated"] for name, done in measured.items()}
     truths = {name: done["truth"] for name, done in measured.items() if done["truth"] is not None}
-    total = evaluation.totals(list(rows.values()), [generated[name] for name in truths], list(truths.values()), config)
+    with threadpool_limits(limits=1):
+        total = evaluation.totals(
+            list(rows.values()), [generated[name] for name in truths], list(truths.values()), config
+        )
     if index is not None:
         _add_utilisation(rows, total, {name: done["references"] for name, done in measured.items()}, index)
     columns = evaluation.measures(config)
@@ -480,7 +487,10 @@ def _measure(evidence: _Evidence, config: Config) -> dict:
         trace = files.read_json(evidence.trace)
         references = [reference["clip"] for reference in trace["references"]]
         graph = motion_graph.load(_graph_path(config, trace["graph"]))
-    row = evaluation.measure_clip(generated, config, _onset_times(evidence.audio, config), truth, trace, graph)
+    onset_times = _onset_times(evidence.audio, config)
+    # The last digits of a matrix product depend on its threads, and those on the number of workers.
+    with threadpool_limits(limits=1):
+        row = evaluation.measure_clip(generated, config, onset_times, truth, trace, graph)
     return {"row": row, "generated": generated, "truth": truth, "references": references}
 
 

@@ -146,7 +146,7 @@ def bursts(times: Iterable[float], seconds: float, rate: int = 16000, floor: flo
     samples = floor * rng.standard_normal(round(seconds * rate))
     length = round(0.06 * rate)
     for time in times:
-        start = round(time * rate)
+        start = min(round(time * rate), len(samples))
         stop = min(start + length, len(samples))
         samples[start:stop] += 0.2 * rng.standard_normal(stop - start) * np.linspace(1.0, 0.2, length)[: stop - start]
     return samples.clip(-1.0, 1.0)

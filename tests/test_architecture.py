@@ -9,7 +9,7 @@ PACKAGE = Path(__file__).parent.parent / "gesturegen"
 # From the top down; rooms in one row may not import each other, except inside a package.
 ROOMS = [
     {"errors"},
-    {"files", "randomness"},
+    {"files", "randomness", "strict_yaml"},
     {"config"},
     {"motion"},
     {"speech"},

@@ -185,6 +185,16 @@ def test_evaluate_against_the_truth_of_the_split(data, tmp_path):
     assert total["syn"] > 0 and total["hellinger"] > 0 and total["frechet_30"] > 0
 
 
+def test_measures_against_truth_do_not_depend_on_the_number_of_workers(data, tmp_path):
+    rng = np.random.default_rng(5)
+    for name in TESTS:
+        write_clip(data / "tst", name, 4.0, motion=tiny.motion(rng, 120, chain(4)))
+    all_commands(data, tmp_path / "work")
+    before = tree(tmp_path / "work/evaluate")
+    succeed("evaluate", "--data", data, "--work", tmp_path / "work", "-j", 2)
+    assert tree(tmp_path / "work/evaluate") == before
+
+
 def test_without_truth_the_columns_are_dashes(finished):
     header, *rows = [line.split(",") for line in (finished / "evaluate/metrics.csv").read_text().splitlines()]
     for key in ("syn", "hellinger", "cca", "frechet_30"):
@@ -312,6 +322,12 @@ def test_a_failed_clip_loses_its_older_results(finished, recorded, tmp_path):
     assert trace["failure"]["keyword"] == "unheard"
     succeed("evaluate", "--data", recorded, "--work", work, "-j", 1, *stuck)
     assert json.loads((work / "evaluate/summary.json").read_text())["total"]["failure"] == 3
+
+
+def test_a_missing_bvh_is_a_warning(data, tmp_path):
+    (data / "trn/main-agent/bvh/trn_a.bvh").unlink()
+    result = succeed("preprocess", "--data", data, "--work", tmp_path, "-j", 1)
+    assert "warning: trn_a: no BVH file" in result.output
 
 
 def test_mp3_named_wav_is_called_what_it_is(data, tmp_path):

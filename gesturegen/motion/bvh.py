@@ -111,8 +111,14 @@ def _split(path: Path, text: str) -> tuple[list[str], str, int]:
         start = text.lstrip()[:9]
         why = "the file is cut off inside its hierarchy" if start == "HIERARCHY" else f"it starts with {start!r}"
         raise DataError(f"{path}: no MOTION section ({why}); a BVH file has HIERARCHY, then MOTION")
-    header = text[: found.start()].splitlines()
+    header = _lines(text[: found.start()])
     return header, text[found.end() :].lstrip("\r").removeprefix("\n"), text.count("\n", 0, found.end()) + 2
+
+
+def _lines(text: str) -> list[str]:
+    """Lines as editors count them; str.splitlines() also splits at characters that a joint name may hold."""
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    return lines[:-1] if lines[-1] == "" else lines
 
 
 class _Hierarchy:
@@ -275,7 +281,7 @@ def _read_frames(path: Path, body: str, line: int, skeleton: Skeleton) -> tuple[
     declared = int(found["frames"])
     first_line = line + body.count("\n", 0, found.end())
     rows = body[found.end() :]
-    count = sum(1 for row in rows.splitlines() if row.strip())
+    count = sum(1 for row in _lines(rows) if row.strip())
     width = skeleton.n_channels
     try:
         values = (
@@ -293,7 +299,8 @@ def _read_frames(path: Path, body: str, line: int, skeleton: Skeleton) -> tuple[
     if len(large):
         row, column = large[0]
         raise DataError(
-            f"{path}: frame {row}, {_column_name(skeleton, column)}: {values[row, column]:g} is not a plausible value"
+            f"{path}: frame {row}, {_column_name(skeleton, column)}: {values[row, column]:g} is not a plausible value; "
+            "export the motion again"
         )
     return frame_time, values
 
@@ -301,7 +308,7 @@ def _read_frames(path: Path, body: str, line: int, skeleton: Skeleton) -> tuple[
 def _find_bad_row(path: Path, rows: str, first_line: int, skeleton: Skeleton, declared: int) -> None:
     """Raise DataError for the first row that is short, long or holds something that is no finite number."""
     width = skeleton.n_channels
-    lines = rows.splitlines()
+    lines = _lines(rows)
     filled = [number for number, row in enumerate(lines) if row.strip()]
     for number in filled:
         words = lines[number].split()

@@ -45,7 +45,7 @@ def clean_wrists(motion: Motion, segment_starts: np.ndarray, settings: Wrists) -
     names = motion.skeleton.names
     notes = []
     missing = [name for name in settings.joints if name not in names]
-    if len(missing) == len(settings.joints):
+    if missing and len(missing) == len(settings.joints):
         return motion, ["the skeleton has none of the wrist joints, so no wrist is cleaned (wrists.joints)"]
     if missing:
         notes.append(f"the skeleton has no wrist joint {', '.join(missing)}, which is not cleaned (wrists.joints)")

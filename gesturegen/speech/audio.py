@@ -10,6 +10,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from gesturegen.errors import DataError
 from gesturegen.motion.skeleton import read_only
 
 EXTENSIONS = (".wav", ".flac", ".ogg")
-_READABLE = {"WAV", "WAVEX", "RF64", "W64", "FLAC", "OGG"}
+_READABLE = {"WAV", "WAVEX", "RF64", "FLAC", "OGG"}
 # librosa's analysis window; shorter audio is padded with silence to this length.
 _SHORTEST_ANALYSIS = 2048
 
@@ -62,7 +63,7 @@ def read_samples(path: str | Path) -> tuple[np.ndarray, int]:
     import soundfile
 
     path = Path(path)
-    _refuse_broken_wav(path)
+    _refuse_cut_off(path)
     try:
         with soundfile.SoundFile(path) as file:
             if file.format not in _READABLE:
@@ -100,9 +101,6 @@ def detect_onset_peaks(samples: np.ndarray, rate: int, settings: Onsets) -> Onse
         resampled = np.pad(resampled, (0, _SHORTEST_ANALYSIS - len(resampled)))
     grid = {"sr": settings.sample_rate, "hop_length": settings.hop_length}
     strength = librosa.onset.onset_strength(y=resampled, **grid)
-    if not np.any(strength > 0):  # silence: librosa would divide by its maximum
-        nothing = np.empty(0)
-        return OnsetPeaks(nothing, nothing, nothing.astype(bool))
     peaks = librosa.onset.onset_detect(onset_envelope=strength, backtrack=False, units="frames", **grid)
     starts = librosa.onset.onset_backtrack(peaks, strength) if len(peaks) else peaks
     peak_times = librosa.frames_to_time(peaks, **grid)
@@ -137,8 +135,8 @@ def _name_format(name: str) -> str:
     return {"MPEG": "MPEG audio (MP3)", "MP3": "MPEG audio (MP3)"}.get(name, name)
 
 
-def _refuse_broken_wav(path: Path) -> None:
-    """Compare a RIFF file's announced sizes with what is there; libsndfile reads a truncated file in silence."""
+def _refuse_cut_off(path: Path) -> None:
+    """Compare what a file announces with what is there; libsndfile reads the rest of a cut file in silence."""
     try:
         size = path.stat().st_size
         with path.open("rb") as file:
@@ -147,21 +145,43 @@ def _refuse_broken_wav(path: Path) -> None:
                 raise DataError(f"{path}: the file is empty; copy it again from its source")
             if head.startswith(b"version http"):
                 raise DataError(f"{path}: a Git LFS pointer, not the file itself; run `git lfs pull`")
-            if head[:4] != b"RIFF":
-                return
-            while len(chunk := file.read(8)) == 8:
-                name, length = chunk[:4], struct.unpack("<I", chunk[4:])[0]
-                if name == b"data":
-                    held = size - file.tell()
-                    # A recorder that could not seek back leaves the largest number there.
-                    if held < length < 0xFFFFFF00:
-                        raise DataError(
-                            f"{path}: the file is cut off: {held} of {length} bytes of audio; copy it again"
-                        )
-                    if length == 0 or held == 0:
-                        raise DataError(f"{path}: holds no audio (0 s); record or copy it again")
-                    return
-                file.seek(length + length % 2, 1)
-            raise DataError(f"{path}: the file is cut off before its audio; copy it again")
+            if head[:4] in (b"RIFF", b"RF64"):
+                _check_chunks(path, file, size, head[8:12])
+            elif head[:4] == b"OggS":
+                _check_last_page(path, file, size)
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
+
+
+def _check_chunks(path: Path, file: BinaryIO, size: int, kind: bytes) -> None:
+    """A WAV file's data chunk is as long as announced; `ds64` holds the length where 32 bits are too few."""
+    if len(kind) == 4 and kind != b"WAVE":
+        raise DataError(f"{path}: a RIFF file of type {kind.decode('latin-1')!r}, not WAV; convert its sound to WAV")
+    large = None
+    while len(chunk := file.read(8)) == 8:
+        name, length = chunk[:4], struct.unpack("<I", chunk[4:])[0]
+        if name == b"data":
+            held = size - file.tell()
+            # A recorder that could not seek back leaves the largest number there.
+            announced = large if large is not None else length if length < 0xFFFFFF00 else held
+            if held < announced:
+                raise DataError(f"{path}: the file is cut off: {held} of {announced} bytes of audio; copy it again")
+            if announced == 0:
+                raise DataError(f"{path}: holds no audio (0 s); record or copy it again")
+            return
+        if name == b"ds64" and length >= 16:
+            large = struct.unpack("<Q", file.read(16)[8:])[0]
+            length -= 16
+        file.seek(length + length % 2, 1)
+    raise DataError(f"{path}: the file is cut off before its audio; copy it again")
+
+
+def _check_last_page(path: Path, file: BinaryIO, size: int) -> None:
+    """The last page of an Ogg file says that it is the last, and is whole; a page has at most 65,307 bytes."""
+    file.seek(max(size - 65_307, 0))
+    tail = file.read()
+    page = tail[max(tail.rfind(b"OggS"), 0) :]
+    # Flags are in byte 5; byte 26 counts the segments, whose lengths follow.
+    whole = len(page) > 26 and len(page) >= 27 + page[26] + sum(page[27 : 27 + page[26]])
+    if not whole or not page[5] & 0x04:
+        raise DataError(f"{path}: the file is cut off: its last page is not whole; copy it again")

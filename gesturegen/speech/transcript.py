@@ -17,6 +17,8 @@ from gesturegen.errors import DataError
 
 # Times in TSV files are often a hair below the frame they mean (0.3 * 30 is 8.999...).
 _FRAME_SLACK = 1e-6
+# str.splitlines() would also split at the ellipsis of Windows' code page, read as Latin-1.
+_LINE_END = re.compile(r"\r\n|\r|\n")
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,8 @@ def read(path: str | Path, duration: float) -> tuple[tuple[Word, ...], list[str]
         raw = path.read_bytes()
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
+    if raw.startswith(b"version https://git-lfs"):
+        raise DataError(f"{path}: a Git LFS pointer, not the file itself; run `git lfs pull`")
     if b"\0" in raw:
         raise DataError(f"{path}: binary data, not a transcript; expected start<TAB>end<TAB>text lines")
     notes = []
@@ -57,11 +61,11 @@ def read(path: str | Path, duration: float) -> tuple[tuple[Word, ...], list[str]
     except UnicodeDecodeError:
         text = raw.decode("latin-1")
         notes.append(f"{path.name}: not UTF-8, read as Latin-1")
-    cells = [_parse_line(path, number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+    cells = [_parse_line(path, number, line) for number, line in enumerate(_LINE_END.split(text), 1) if line.strip()]
     if not cells:
         notes.append(f"{path.name}: the transcript is empty, so there are no keywords")
     words, counts = _fit(cells, duration)
-    notes += [f"{path.name}: {count} {what}" for what, count in counts.items() if count]
+    notes += [f"{path.name}: {what}: {count}" for what, count in counts.items() if count]
     return tuple(words), notes
 
 
@@ -89,11 +93,11 @@ def _parse_line(path: Path, number: int, line: str) -> tuple[float, float, str]:
 def _fit(cells: list[tuple[float, float, str]], duration: float) -> tuple[list[Word], dict[str, int]]:
     counts = dict.fromkeys(
         (
-            "words end before they start and are dropped",
-            "words lie outside the audio and are dropped",
-            "words reach beyond the audio and are clipped",
-            "words stand out of order and are sorted",
-            "words overlap the next one",
+            "words that end before they start, dropped",
+            "words outside the audio, dropped",
+            "words that reach beyond the audio, clipped",
+            "words out of order, sorted",
+            "words that overlap the next one",
         ),
         0,
     )

@@ -37,9 +37,7 @@ def test_both_speeds_must_reach_the_floor():
 
 def test_joints_at_rest_stay_in_the_denominator():
     moving = polygon(4, 10)
-    assert direction_change_share(np.concatenate([moving, np.zeros((10, 3, 3))], axis=1)) == pytest.approx(
-        0.25
-    )
+    assert direction_change_share(np.concatenate([moving, np.zeros((10, 3, 3))], axis=1)) == pytest.approx(0.25)
 
 
 def test_static_motion_never_turns():

@@ -70,9 +70,7 @@ def test_hellinger_is_a_metric(a, b, c):
     assert 0 <= hellinger_distance(a, c) <= hellinger_distance(a, b) + hellinger_distance(b, c) + 1e-6
     # the same as the distance of the roots, which has no cancellation
     roots = [np.sqrt(np.array(h) / sum(h)) for h in (a, b)]
-    assert hellinger_distance(a, b) == pytest.approx(
-        np.linalg.norm(roots[0] - roots[1]) / np.sqrt(2), abs=1e-7
-    )
+    assert hellinger_distance(a, b) == pytest.approx(np.linalg.norm(roots[0] - roots[1]) / np.sqrt(2), abs=1e-7)
 
 
 def motions(seed, frames=60, joints=2):

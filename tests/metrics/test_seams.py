@@ -36,9 +36,7 @@ def test_a_jump_shows_in_three_frames():
     jump = np.array([2.0, 4.0, 2.0]) * FPS**3
     assert seam.generated == pytest.approx((6 * 6.0 + np.hypot(jump, 6.0).sum()) / 9)
     assert seam.ratio == pytest.approx(seam.generated / 6.0)
-    assert seam_jerk(output, [15], frames, source, [0], fps=FPS, radius=0).generated == pytest.approx(
-        np.hypot(4e3, 6)
-    )
+    assert seam_jerk(output, [15], frames, source, [0], fps=FPS, radius=0).generated == pytest.approx(np.hypot(4e3, 6))
 
 
 def test_jerk_is_centred_on_the_seam():

@@ -1,0 +1,433 @@
+import json
+import re
+from typing import Literal, get_args, get_origin
+
+import pytest
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from gesturegen import config as config_module
+from gesturegen.config import Config, configs_folder, load_config
+from gesturegen.errors import ConfigError
+from gesturegen.randomness import generator
+from tests.builders import literally, refused
+
+
+@pytest.fixture
+def load(tmp_path):
+    def load(text, *overrides):
+        path = tmp_path / "run.yaml"
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return load_config(path, overrides)
+
+    return load
+
+
+# --- what is read -------------------------------------------------------------------------------------------
+
+
+def test_the_defaults_are_the_papers():
+    config = load_config()
+    assert (config.method, config.search, config.fps) == ("motion_graph", "beam", 30)
+    assert len(config.joints) == len(set(config.joints)) == 25
+    assert config.onsets.min_strength == 5 and (config.onsets.sample_rate, config.onsets.hop_length) == (22050, 512)
+    assert (config.wrists.window, config.wrists.order, config.wrists.axes) == (15, 3, "XYZ")
+    assert (config.continuity.lambda_pos, config.continuity.lambda_vel) == (1, 1)
+    assert (config.continuity.l_cn, config.continuity.l_pn) == (5, 10)
+    assert (config.beam.l_npaths, config.beam.min_ratio, config.beam.max_ratio) == (20, 0.9, 1.1)
+    assert (config.beam.lambda_w, config.beam.lambda_len) == (1, 1)
+    assert (config.features.l_feat, config.features.lambda_occ, config.features.align) == (10, 0.5, "following")
+    assert (config.termination.keyword_retries, config.termination.discard_after_retries) == (5, 10)
+    assert (config.termination.max_retries, config.termination.failure_retries) == (40, 400)
+    assert (config.blend.method, config.blend.l_blend, config.root.return_half_life) == ("crossfade", 8, 3)
+    assert config.references.mode == "per_test_clip" and config.breaks.max_joint_speed is None
+
+
+def test_a_file_changes_only_what_it_names(load):
+    config = load("continuity:\n  l_pn: 3\nseed: 7\n")
+    assert (config.continuity.l_pn, config.continuity.l_cn, config.seed) == (3, 5, 7)
+
+
+@pytest.mark.parametrize("text", ("", "# only a comment\n", "---\n"))
+def test_an_empty_file_is_the_defaults(load, text):
+    assert load(text) == load_config()
+
+
+def test_whole_numbers_are_fine_where_decimals_are_asked_for(load):
+    assert load("onsets: {min_strength: 4}\n").onsets.min_strength == 4.0
+
+
+def test_aliases_from_and_list(load):
+    config = load("exclude:\n- {clip: a, from: 1, to: 2.5}\nreferences: {mode: list, list: pins.yaml}\n")
+    assert (config.exclude[0].clip, config.exclude[0].from_, config.exclude[0].to) == ("a", 1.0, 2.5)
+    assert config.references.list_file == "pins.yaml"
+
+
+def test_joints_are_a_list_or_all(load):
+    assert load("joints: all\n").joints == "all"
+    assert load("joints: [a, b]\n").joints == ("a", "b")
+
+
+def test_a_config_is_frozen():
+    with pytest.raises(ValidationError, match="frozen"):
+        load_config().continuity.l_pn = 1
+
+
+def test_every_config_that_comes_with_gesturegen_loads():
+    paths = sorted(configs_folder().glob("*.yaml"))
+    assert "keywords.yaml" in [path.name for path in paths]
+    for path in paths:
+        if path.name != "keywords.yaml":
+            assert load_config(path).keywords.words, path
+
+
+# --- what is refused ----------------------------------------------------------------------------------------
+
+REFUSED = {
+    "unknown section": ("continuty: {}", 1, "unknown key 'continuty'; did you mean 'continuity'?"),
+    "unknown key": ("seed: 1\ncontinuity:\n  l_pm: 3", 3, "unknown key 'continuity.l_pm'; did you mean 'l_pn'?"),
+    "nothing like it": ("zzz: 1", 1, "unknown key 'zzz'; allowed here: method, search, seed"),
+    "key of another section": ("beam:\n  q: 1", 2, "unknown key 'beam.q'; allowed here: l_npaths, lambda_w"),
+    "key in a list": (
+        "exclude:\n- clip: a\n  from: 0\n  to: 1\n  too: 2",
+        5,
+        "unknown key 'exclude.0.too'; did you mean 'to'?",
+    ),
+    "the name in the code": (
+        "references: {list_file: a}",
+        1,
+        "unknown key 'references.list_file'; did you mean 'list'",
+    ),
+    "missing key": ("exclude:\n- {clip: a, from: 0}", 2, r"exclude\.0\.to: missing"),
+    "text for a count": ("continuity:\n  l_pn: many", 2, r'continuity\.l_pn: found "many", allowed: a valid integer'),
+    "decimal for a count": ("\nfps: 29.97", 2, "fps: found 29.97, allowed: a valid integer"),
+    "quoted count": ("seed: '1'", 1, 'seed: found "1", allowed: a valid integer'),
+    "true for a count": ("seed: true", 1, "seed: found true, allowed: a valid integer"),
+    "1e-3": ("onsets:\n  min_strength: 1e-3", 2, r"found \"1e-3\".*YAML reads 1e-3 as text; write .* 1\.0e-3"),
+    "no for a name": ("data:\n  truth_split: no", 2, r"data\.truth_split: found false, allowed: a valid string"),
+    "quoted no": ("wrists:\n  enabled: 'no'", 2, r'wrists\.enabled: found "no", allowed: a valid boolean'),
+    "one for true": ("wrists: {enabled: 1}", 1, r"wrists\.enabled: found 1, allowed: a valid boolean"),
+    "text for a list": ("blacklist: trn_1", 1, r'blacklist: found "trn_1", allowed: '),
+    "number in a list": ("blacklist:\n- a\n- 5", 3, r"blacklist\.1: found 5, allowed: a valid string"),
+    "number for a section": ("continuity: 3", 1, "continuity: found 3"),
+    "nothing for a section": ("seed: 1\ncontinuity:", 2, "continuity: found null"),
+    "section for a number": ("seed: {a: 1}", 1, "seed: found .*, allowed: a valid integer"),
+    "a date": ("seed: 2020-01-01", 1, "seed: found"),
+    "joints number": ("joints: 5", 1, "joints: found 5, allowed: "),
+    "joints text": ("joints: none", 1, 'joints: found "none", allowed: '),
+    "joints with a number": ("joints: [b_root, 5]", 1, "joints.*found"),
+    "too small": ("continuity: {l_pn: 0}", 1, r"l_pn: found 0, allowed: greater than or equal to 1"),
+    "negative": ("beam: {lambda_w: -1}", 1, r"lambda_w: found -1, allowed: greater than or equal to 0"),
+    "not above zero": ("root: {return_half_life: 0}", 1, "return_half_life: found 0, allowed: greater than 0"),
+    "too large": ("beam: {min_ratio: 1.5}", 1, r"min_ratio: found 1\.5, allowed: less than or equal to 1"),
+    "weight too large": ("features:\n  w_full: [2]", 2, r"features\.w_full\.0: found 2, allowed: less than"),
+    "nan": ("onsets: {min_strength: .nan}", 1, "min_strength: found NaN, allowed: a finite number"),
+    "infinity": ("onsets: {min_strength: .inf}", 1, "min_strength: found Infinity, allowed: a finite number"),
+    "no such choice": ("search: globl", 1, 'search: found "globl", allowed: '),
+    "even window": ("wrists:\n  window: 4", 1, "wrists: window must be odd and larger than order"),
+    "order above the window": ("wrists: {window: 3, order: 3}", 1, "wrists: window must be odd and larger than order"),
+    "weights for l_feat": ("features: {l_feat: 3}", 1, "features: w_full has 10 weights for l_feat 3"),
+    "range backwards": (
+        "exclude:\n- {clip: a, from: 0, to: 1}\n- {clip: a, from: 2, to: 1}",
+        3,
+        r"exclude\.1: `to` must be later than `from`",
+    ),
+    "list without a file": (
+        "references:\n  mode: list",
+        1,
+        r"references: mode `list` needs the key `references\.list`",
+    ),
+    "key twice": ("seed: 1\nfps: 30\nseed: 2", 3, "key 'seed' stands twice, first in line 1"),
+    "key twice in a section": ("beam:\n  l_npaths: 1\n  l_npaths: 2", 3, "key 'l_npaths' stands twice"),
+    "a key YAML reads as false": ("keywords:\n  words:\n    no: nope", 3, "key False is read by YAML as a bool"),
+    "a key YAML reads as a number": ("1: a", 1, "key 1 is read by YAML as a int"),
+    "no YAML": ("seed: [1", 2, "not valid YAML"),
+    "bad indentation": ("beam:\n  l_npaths: 1\n l_npaths: 2", 3, "not valid YAML"),
+    "two documents": ("seed: 1\n---\nseed: 2", 2, "not valid YAML"),
+}
+
+
+@pytest.mark.parametrize(("text", "line", "match"), REFUSED.values(), ids=REFUSED)
+def test_mistakes_are_refused_with_file_and_line(load, tmp_path, text, line, match):
+    with refused(ConfigError, literally(tmp_path / "run.yaml", line) + ".*" + match):
+        load(text + "\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "found"), [("- a\n- b\n", "list"), ("just text\n", "str"), ("3\n", "int")], ids=["list", "text", "number"]
+)
+def test_a_file_that_is_no_mapping_is_refused(load, tmp_path, text, found):
+    with refused(ConfigError, f"expected `key: value` lines, found a {found}", tmp_path / "run.yaml"):
+        load(text)
+
+
+@pytest.mark.parametrize(
+    ("content", "match"),
+    [(b"\xff\xfe\x00", "not a text file in UTF-8"), (b"seed: \x001", "not valid YAML")],
+    ids=["binary", "control character"],
+)
+def test_a_file_that_is_no_text_is_refused(load, tmp_path, content, match):
+    with refused(ConfigError, match, tmp_path / "run.yaml"):
+        load(content)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with refused(ConfigError, "cannot be read .*--config", tmp_path / "none.yaml"):
+        load_config(tmp_path / "none.yaml")
+
+
+def test_every_mistake_gets_its_own_line(load, tmp_path):
+    with pytest.raises(ConfigError) as caught:
+        load("seed: x\nbeam:\n  l_npaths: 0\nfsp: 3\n")
+    lines = str(caught.value).splitlines()
+    assert [line.split(": ")[0] for line in lines] == [f"{tmp_path / 'run.yaml'}:{n}" for n in (1, 3, 4)]
+
+
+# --- --set --------------------------------------------------------------------------------------------------
+
+
+def test_overrides_win_in_order(load):
+    config = load("continuity: {l_pn: 3, l_cn: 4}\n", "continuity.l_pn=1", "continuity.l_pn=2", "seed=9")
+    assert (config.continuity.l_pn, config.continuity.l_cn, config.seed) == (2, 4, 9)
+
+
+@pytest.mark.parametrize(
+    ("override", "get", "value"),
+    [
+        ("joints=all", lambda c: c.joints, "all"),
+        ("joints=[a, b]", lambda c: c.joints, ("a", "b")),
+        ("blacklist=[trn_2023_v0_003]", lambda c: c.blacklist, ("trn_2023_v0_003",)),
+        ("wrists.enabled=false", lambda c: c.wrists.enabled, False),
+        ("breaks.max_joint_speed=400", lambda c: c.breaks.max_joint_speed, 400.0),
+        ("breaks.max_joint_speed=null", lambda c: c.breaks.max_joint_speed, None),
+        ("beam={l_npaths: 3}", lambda c: c.beam.l_npaths, 3),
+        ("references.list=pins.yaml", lambda c: c.references.list_file, "pins.yaml"),
+        ("exclude=[{clip: a, from: 0, to: 1}]", lambda c: c.exclude[0].to, 1.0),
+        ("paths.data=a=b", lambda c: c.paths.data, "a=b"),
+        (" seed =4", lambda c: c.seed, 4),
+        ("onsets.min_strength=1.0e-3", lambda c: c.onsets.min_strength, 1e-3),
+    ],
+)
+def test_set_forms(override, get, value):
+    assert get(load_config(None, (override,))) == value
+
+
+@pytest.mark.parametrize(
+    ("override", "match"),
+    [
+        ("continuity.l_pn", "expected key=value, such as continuity.l_pn=1"),
+        ("=3", "expected key=value"),
+        ("", "expected key=value"),
+        ("continuity.l_pm=1", r"^--set: unknown key 'continuity\.l_pm'; did you mean 'l_pn'"),
+        ("a.b.c=1", "^--set: unknown key 'a'"),
+        ("continuity.l_pn=0", r"^--set: continuity\.l_pn: found 0, allowed: greater than or equal to 1"),
+        ("onsets.min_strength=1e-3", "^--set: .*YAML reads 1e-3 as text"),
+        ("seed=[", "not valid YAML"),
+        ("seed=", "^--set: seed: found null, allowed: a valid integer"),
+        ("wrists.window=4", "^--set: wrists: window must be odd"),
+        ("seed.x=1", "^--set: seed: "),
+        ("keywords.words={no: nope}", "key False"),
+        ("beam={l_npaths: 3, l_npaths: 4}", "stands twice"),
+    ],
+)
+def test_wrong_overrides_are_refused(override, match):
+    with refused(ConfigError, match):
+        load_config(None, (override,))
+
+
+def test_a_value_of_the_file_is_no_section(load):
+    with refused(ConfigError, "'seed' is no section"):
+        load("seed: 1\n", "seed.x=2")
+
+
+def test_mistakes_in_the_file_keep_their_line_beside_overrides(load, tmp_path):
+    with refused(ConfigError, literally(tmp_path / "run.yaml", 2) + r"beam\.l_npaths"):
+        load("beam:\n  l_npaths: 0\n", "beam.lambda_w=2")
+
+
+def test_an_override_mends_the_file(load):
+    assert load("beam: {l_npaths: 0}\n", "beam.l_npaths=5").beam.l_npaths == 5
+
+
+def test_folders_are_taken_to_the_letter(load, tmp_path):
+    folders = {"paths.data": "1e3", "paths.work": "no", "data.tests": "a: b"}
+    config = load_config(None, ("paths.data=other",), folders)
+    assert (config.paths.data, config.paths.work, config.data.tests) == ("1e3", "no", "a: b")
+    (tmp_path / "run.yaml").write_text("paths: {work: kept}\n")
+    config = load_config(tmp_path / "run.yaml", (), {"paths.data": "given"})
+    assert (config.paths.data, config.paths.work) == ("given", "kept")
+
+
+def test_a_folder_beside_a_broken_section_is_refused(tmp_path):
+    (tmp_path / "run.yaml").write_text("paths: 3\n")
+    with refused(ConfigError, "paths", tmp_path / "run.yaml"):
+        load_config(tmp_path / "run.yaml", (), {"paths.data": "given"})
+
+
+# --- keywords -----------------------------------------------------------------------------------------------
+
+
+def test_the_keyword_list_that_comes_with_gesturegen():
+    words = load_config().keywords.words
+    listed = """hey hi hello one two three first second third east west north south back front away here around crazy
+        incredible surprising screaming walk drive ride enter open attach take move more less much few called"""
+    assert set(words) == set(listed.split())
+
+
+def test_keywords_beside_the_config_come_first(load, tmp_path, monkeypatch):
+    (tmp_path / "keywords.yaml").write_text("Yo: hey\n")
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "keywords.yaml").write_text("no: 1\n")
+    monkeypatch.chdir(elsewhere)
+    assert load("seed: 1\n").keywords.words == {"yo": "hey"}
+
+
+def test_a_named_keyword_file_beside_the_config(load, tmp_path):
+    (tmp_path / "mine.yaml").write_text("yo: hey\nhowdy: hey\n")
+    assert load("keywords: {file: mine.yaml}\n").keywords.words == {"yo": "hey", "howdy": "hey"}
+    assert load("", f"keywords.file={tmp_path / 'mine.yaml'}").keywords.words == {"yo": "hey", "howdy": "hey"}
+
+
+def test_keywords_inside_the_config(load):
+    assert load("keywords:\n  words: {yo: hey}\n").keywords.words == {"yo": "hey"}
+    assert load("keywords: {words: {}}\n").keywords.words == {}
+
+
+def test_keywords_are_lower_cased_wherever_they_stand(load, tmp_path):
+    (tmp_path / "mine.yaml").write_text("Hello: hello\n")
+    assert load("keywords: {file: mine.yaml}\n").keywords.words == {"hello": "hello"}
+    assert load("keywords: {words: {Hello: hello}}\n").keywords.words == {"hello": "hello"}
+
+
+@pytest.mark.parametrize(
+    ("content", "match"),
+    [
+        ("- hey\n- you\n", "expected `word: keyword` lines"),
+        ("hey:\n", "expected `word: keyword` lines"),
+        ("one: 1\n", "expected `word: keyword` lines"),
+        ("stop: no\n", "put words such as no and on in quotes"),
+        ("no: nope\n", "mine.yaml:1: key False is read by YAML as a bool; put it in quotes"),
+        ("hey: a\nhey: b\n", "mine.yaml:2: key 'hey' stands twice"),
+        ("hey: [\n", "mine.yaml:2: not valid YAML"),
+        ("", "expected `word: keyword` lines"),
+    ],
+)
+def test_broken_keyword_files_are_refused(load, tmp_path, content, match):
+    (tmp_path / "mine.yaml").write_text(content)
+    with refused(ConfigError, match, tmp_path / "mine.yaml"):
+        load("keywords: {file: mine.yaml}\n")
+
+
+def test_a_missing_keyword_file_is_named_with_the_places_looked_at(load, tmp_path):
+    with refused(ConfigError, r"keywords\.file: 'none.yaml' does not exist", tmp_path / "none.yaml"):
+        load("keywords: {file: none.yaml}\n")
+
+
+# --- signature ----------------------------------------------------------------------------------------------
+
+
+def leaves(model=Config, prefix=""):
+    """(key path, default, annotation) of every setting that is no section."""
+    for name, field in model.model_fields.items():
+        key = prefix + (field.alias or name)
+        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            yield from leaves(field.annotation, f"{key}.")
+        else:
+            yield key, field.default, field.annotation
+
+
+ANOTHER = {
+    "joints": ["a"],
+    "exclude": [{"clip": "a", "from": 0, "to": 1}],
+    "blacklist": ["a"],
+    "keywords.words": {"yo": "hey"},
+    "features.l_feat": None,  # changes with w_full, below
+    "features.w_full": [1.0] * 9 + [0.3],
+    "beam.max_ratio": 1.5,
+    "evaluation.frechet_windows": [30],
+    "breaks.max_joint_speed": 100,
+    "data.truth_split": "val",
+    "references.list": "a.yaml",
+    "references.mode": "all",
+}
+
+
+def another(key, default, annotation):
+    if key in ANOTHER:
+        return ANOTHER[key]
+    if get_origin(annotation) is Literal:
+        return next(choice for choice in get_args(annotation) if choice != default)
+    if isinstance(default, bool):
+        return not default
+    if isinstance(default, int):
+        return default + 2
+    if isinstance(default, float):
+        return default / 2 or 1.0
+    if isinstance(default, tuple):
+        return list(default[1:])
+    return f"{default}x"
+
+
+PLACES = {"paths.data", "paths.work", "data.references", "data.tests", "keywords.file"}
+# `method` has no other value yet.
+SETTINGS = [leaf for leaf in leaves() if leaf[0] not in PLACES and len(get_args(leaf[2])) != 1]
+
+
+@pytest.mark.parametrize(("key", "default", "annotation"), SETTINGS, ids=[leaf[0] for leaf in SETTINGS])
+def test_every_setting_changes_the_signature(key, default, annotation):
+    value = another(key, default, annotation)
+    override = f"{key}={json.dumps(value)}"
+    if key == "features.l_feat":
+        override = "features={l_feat: 1, w_full: [1.0]}"
+    changed = load_config(None, (override,))
+    assert changed.signature() != load_config().signature()
+
+
+def test_the_signature_does_not_depend_on_where_files_are(load, tmp_path):
+    default = load_config().signature()
+    assert re.fullmatch(r"[0-9a-f]{12}", default)
+    assert load("paths: {data: /somewhere, work: /else}\n").signature() == default
+    assert load("data: {references: /somewhere, tests: /else}\n").signature() == default
+    copy = tmp_path / "copy.yaml"
+    copy.write_text((configs_folder() / "keywords.yaml").read_text())
+    assert load("keywords: {file: copy.yaml}\n").signature() == default
+    spelled_out = yaml.safe_load(copy.read_text())
+    assert load(yaml.safe_dump({"keywords": {"words": spelled_out}})).signature() == default
+
+
+def test_the_order_of_keys_does_not_matter(load):
+    assert load("seed: 1\nfps: 25\n").signature() == load("fps: 25\nseed: 1\n").signature()
+
+
+def test_section_json_is_canonical():
+    config = load_config()
+    text = config.section_json("onsets.min_strength", "fps", "continuity")
+    assert json.loads(text) == {
+        "onsets.min_strength": 5.0,
+        "fps": 30,
+        "continuity": {"lambda_pos": 1.0, "lambda_vel": 1.0, "l_cn": 5, "l_pn": 10},
+    }
+    assert text == config.section_json("continuity", "fps", "onsets.min_strength")
+    with pytest.raises(KeyError):
+        config.section_json("continuty")
+
+
+def test_configs_are_found_inside_the_package_first(tmp_path, monkeypatch):
+    package = tmp_path / "gesturegen"
+    package.mkdir()
+    monkeypatch.setattr(config_module, "__file__", str(package / "config.py"))
+    assert configs_folder() == tmp_path / "configs"
+    (package / "configs").mkdir()
+    assert configs_folder() == package / "configs"
+
+
+# --- randomness ---------------------------------------------------------------------------------------------
+
+
+def test_generators_depend_on_seed_and_purpose_alone():
+    def draws(seed, purpose):
+        return generator(seed, purpose).integers(0, 2**62, 4).tolist()
+
+    assert draws(3, "clip_a") == draws(3, "clip_a")
+    assert len({tuple(draws(seed, name)) for seed in (0, 1, 2**40) for name in ("", "clip_a", "clip_b", "Grüße")}) == 12
