@@ -210,7 +210,9 @@ def test_a_stored_graph_has_the_documented_arrays(tmp_path):
 def test_a_graph_of_other_settings_is_refused(tmp_path):
     graph = build([tiny.random_reference(np.random.default_rng(12), 15)], tiny.config())
     save(tmp_path / "g.npz", graph, tiny.config())
-    with pytest.raises(DataError, match=r"made with continuity.l_pn = 10, the config says 1; run `gesturegen build-graph` again"):
+    with pytest.raises(
+        DataError, match=r"made with continuity.l_pn = 10, the config says 1; run `gesturegen build-graph` again"
+    ):
         load(tmp_path / "g.npz", tiny.config(continuity={"l_pn": 1}))
     load(tmp_path / "g.npz", tiny.config(beam={"l_npaths": 3}))
 
