@@ -82,15 +82,10 @@ def beam_search(
         )
         if not extended:
             break
-    best = -1
     for k in range(count):  # in order of cost, ties settled
-        accepted = shortest <= lengths[k] <= longest and lengths[k] >= least and stops[nodes[k, lengths[k] - 1]]
-        if accepted:
-            best = k
-            break
-    if best < 0:
-        return np.empty(0, dtype=np.int64), np.inf
-    return nodes[best, : lengths[best]].copy(), _cost(sums[best], lengths[best], target, lambda_w, lambda_len)
+        if max(shortest, least) <= lengths[k] <= longest and stops[nodes[k, lengths[k] - 1]]:
+            return nodes[k, : lengths[k]].copy(), _cost(sums[k], lengths[k], target, lambda_w, lambda_len)
+    return np.empty(0, dtype=np.int64), np.inf
 
 
 @numba.njit(cache=True, nogil=True)

@@ -1,0 +1,47 @@
+"""`build-graph`: clips to graphs (§4.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from gesturegen.config import Config
+from gesturegen.graph import motion_graph
+from gesturegen.methods import METHODS
+from gesturegen.parallel import for_each
+from gesturegen.pipeline.common import (
+    Summary,
+    chosen_references,
+    digests,
+    graph_name,
+    graph_path,
+    load_references,
+    read_index,
+    require_writable,
+    work_path,
+)
+
+
+def build_graphs(config: Config, jobs: int, quiet: bool) -> Summary:
+    """Build the graph of every group of references that a test clip is given (§4.1)."""
+    chosen = chosen_references(config, read_index(config))
+    groups = {graph_name(names): names for names in chosen.values()}
+    require_writable(work_path(config, "graphs"))
+    outcome = for_each(
+        {name: partial(_build_graph, names, config) for name, names in groups.items()}, jobs, "build-graph", quiet
+    )
+    summary = Summary(outcome, written=[work_path(config, "graphs")])
+    summary.lines = [f"{name}: {line}" for name, line in outcome.done.items()]
+    return summary
+
+
+def _build_graph(names: Sequence[str], config: Config) -> str:
+    graph = METHODS[config.method].build(load_references(config, names), config)
+    motion_graph.save(graph_path(config, graph_name(names)), graph, config, digests(config, names))
+    kinds = ", ".join(f"{int(np.sum(graph.key_nodes.kinds == kind))} {kind}" for kind in ("onset", "keyword", "break"))
+    return (
+        f"{graph.n_nodes} nodes, {int(np.sum(graph.natural))} natural and {int(np.sum(~graph.natural))} unnatural edges, "
+        f"key nodes: {kinds}"
+    )

@@ -1,0 +1,190 @@
+"""`evaluate`: motions to figures (§5.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from gesturegen import __version__, clips, evaluation, files, tables
+from gesturegen.config import Config
+from gesturegen.errors import DataError
+from gesturegen.graph import motion_graph
+from gesturegen.metrics.usage import training_utilisation
+from gesturegen.motion import bvh, cleanup
+from gesturegen.parallel import for_each
+from gesturegen.pipeline.common import Summary, clip_path, graph_path, read_index, require_writable, work_path
+from gesturegen.speech import audio
+
+
+@dataclass(frozen=True)
+class _Evidence:
+    """The files of one clip to be measured; None where there is none."""
+
+    name: str
+    motion: Path
+    audio: Path | None = None
+    truth: Path | None = None
+    trace: Path | None = None
+
+
+def evaluate(
+    config: Config, jobs: int, quiet: bool, compat: bool = False,
+    bvh_folder: Path | None = None, audio_folder: Path | None = None, truth_folder: Path | None = None,
+) -> Summary:  # fmt: skip
+    """Measure a run, or anybody's BVH files, per clip and in total (§5.2)."""
+    if bvh_folder is not None:
+        evidence, failed, index = _foreign_evidence(bvh_folder, audio_folder, truth_folder), [], None
+        signature = {"method": "files", "config_hash": config.signature(), "seed": "-", "version": __version__}
+    else:
+        index = read_index(config)
+        evidence, failed, signature = _own_evidence(config, index, truth_folder)
+    require_writable(work_path(config, "evaluate"))
+    outcome = for_each({item.name: partial(_measure, item, config) for item in evidence}, jobs, "evaluate", quiet)
+    measured = outcome.done
+    rows = {name: done["row"] for name, done in measured.items()} | {
+        name: evaluation.failed_row(config) for name in failed
+    }
+    rows = dict(sorted(rows.items()))
+    generated = {name: done["generated"] for name, done in measured.items()}
+    truths = {name: done["truth"] for name, done in measured.items() if done["truth"] is not None}
+    with threadpool_limits(limits=1):
+        total = evaluation.totals(
+            list(rows.values()), [generated[name] for name in truths], list(truths.values()), config
+        )
+    if index is not None:
+        _add_utilisation(rows, total, {name: done["references"] for name, done in measured.items()}, index)
+    columns = evaluation.measures(config)
+    summary = Summary(outcome)
+    suffix = "" if bvh_folder is None else "_files"
+    if compat:
+        columns = list(evaluation.COMPAT_MEASURES)
+        rows, total = evaluation.genea_compat(generated, truths)
+        signature["conventions"] = "genea"
+        suffix += "_genea"
+    summary.lines = [tables.format_blocks(rows, total, columns), "", _signature_line(signature)]
+    summary.written = _write_tables(config, rows, total, columns, signature, suffix)
+    return summary
+
+
+def _write_tables(config: Config, rows: dict, total: dict, columns: list, signature: dict, suffix: str) -> list[Path]:
+    csv_path, json_path = (
+        work_path(config, "evaluate", name) for name in (f"metrics{suffix}.csv", f"summary{suffix}.json")
+    )
+    files.write_text(csv_path, tables.format_csv(rows, total, columns, signature))
+    figures = {name: tables.json_figures(row) for name, row in rows.items()}
+    files.write_json(json_path, {"signature": signature, "total": tables.json_figures(total), "clips": figures})
+    return [csv_path, json_path]
+
+
+def _signature_line(signature: dict) -> str:
+    return "  ".join(f"{key}: {value}" for key, value in signature.items())
+
+
+def _own_evidence(config: Config, index: dict, truth_folder: Path | None) -> tuple[list[_Evidence], list[str], dict]:
+    folder = work_path(config, "reenact")
+    if not (folder / "manifest.json").is_file():
+        raise DataError(f"{folder}: nothing has been reenacted there; run `gesturegen reenact` first")
+    manifest = files.read_json(folder / "manifest.json")
+    truths = {name: Path(row["truth"]) for name, row in index["tests"].items() if row["truth"]}
+    if truth_folder is not None:
+        truths = _motions(truth_folder)
+    evidence, failed = [], []
+    for row in manifest["clips"]:
+        name = row["clip"]
+        if row["stuck"]:
+            failed.append(name)
+        if row["error"]:
+            continue
+        evidence.append(
+            _Evidence(
+                name, folder / f"{name}.bvh", clip_path(config, name), truths.get(name), folder / f"{name}.trace.json"
+            )
+        )
+    signature = {
+        "method": f"{manifest['method']}/{manifest['search']}",
+        "config_hash": manifest["config_hash"],
+        "seed": manifest["seed"],
+        "version": manifest["gesturegen"],
+    }
+    return evidence, failed, signature
+
+
+def _foreign_evidence(bvh_folder: Path, audio_folder: Path | None, truth_folder: Path | None) -> list[_Evidence]:
+    motions = _motions(bvh_folder)
+    sounds = {}
+    if audio_folder is not None:
+        sounds = {r.name: r.audio_path for r in clips.list_recordings(_existing(audio_folder)) if r.audio_path}
+    truths = _motions(truth_folder) if truth_folder is not None else {}
+    for folder, found in ((audio_folder, sounds), (truth_folder, truths)):
+        if folder is not None and not motions.keys() & found.keys():
+            raise DataError(f"{folder}: no file in it has the name of a motion in {bvh_folder}; names must match")
+    return [_Evidence(name, path, sounds.get(name), truths.get(name)) for name, path in motions.items()]
+
+
+def _motions(folder: Path) -> dict[str, Path]:
+    """BVH files, or `.npz` files with `positions`, by clip name."""
+    found = {r.name: r.motion_path for r in clips.list_recordings(_existing(folder)) if r.motion_path}
+    found = found or {path.stem: path for path in sorted(folder.glob("*.npz"))}
+    if not found:
+        raise DataError(f"{folder}: no BVH file in it")
+    return found
+
+
+def _existing(folder: Path) -> Path:
+    if not folder.is_dir():
+        raise DataError(f"{folder}: no such folder")
+    return folder
+
+
+def _measure(evidence: _Evidence, config: Config) -> dict:
+    generated = _locate(evidence.motion, config)
+    truth = _locate(evidence.truth, config) if evidence.truth else None
+    if truth is not None and truth.world.shape[1:] != generated.world.shape[1:]:
+        raise DataError(
+            f"{evidence.truth}: {truth.world.shape[1]} joints, the generated motion has {generated.world.shape[1]}"
+        )
+    trace = graph = None
+    references: list[str] = []
+    if evidence.trace is not None:
+        trace = files.read_json(evidence.trace)
+        references = [reference["clip"] for reference in trace["references"]]
+        graph = motion_graph.load(graph_path(config, trace["graph"]))
+    onset_times = _onset_times(evidence.audio, config)
+    # The last digits of a matrix product depend on its threads, and those on the number of workers.
+    with threadpool_limits(limits=1):
+        row = evaluation.measure_clip(generated, config, onset_times, truth, trace, graph)
+    return {"row": row, "generated": generated, "truth": truth, "references": references}
+
+
+def _locate(path: Path, config: Config) -> evaluation.Joints:
+    if path.suffix.lower() == ".bvh":
+        return evaluation.locate(cleanup.resample(bvh.read(path), config.fps), config)
+    stored = files.read_arrays(path)
+    if "positions" not in stored or stored["positions"].ndim != 3 or stored["positions"].shape[-1] != 3:
+        raise DataError(f"{path}: expected an array `positions` of shape (frames, joints, 3)")
+    return evaluation.from_positions(stored["positions"].astype(np.float64), config)
+
+
+def _onset_times(path: Path | None, config: Config) -> np.ndarray | None:
+    if path is None:
+        return None
+    if path.suffix == ".npz":
+        return clips.load(path, config, with_motion=False).test_speech(config).onset_times
+    samples, rate = audio.read_samples(path)
+    peaks = audio.detect_onset_peaks(samples, rate, config.onsets)
+    return peaks.select(config.onsets.min_strength, config.onsets.muted_max_share)
+
+
+def _add_utilisation(rows: dict, total: dict, references: dict[str, list[str]], index: dict) -> None:
+    """The share of the whole training set that served as references, per clip and for all together (§5.1.1)."""
+    seconds = {name: row["seconds"] for name, row in index["references"].items()}
+    named = sorted(references)
+    rest = index["training_seconds"] - sum(seconds.values())
+    used = training_utilisation([references[name] for name in named], seconds | {"": max(rest, 0.0)})
+    for name, share in zip(named, used.per_clip, strict=True):
+        rows[name]["utilisation"] = float(share)
+    total["utilisation"] = used.overall

@@ -1,0 +1,141 @@
+"""`preprocess`: recordings to clips (§3)."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+from gesturegen import clips, files
+from gesturegen.config import Config
+from gesturegen.errors import DataError
+from gesturegen.motion import bvh, cleanup, screening
+from gesturegen.parallel import Outcome, for_each
+from gesturegen.pipeline.common import INDEX_VERSION, Summary, clip_path, require_writable, work_path
+from gesturegen.speech import audio
+
+
+def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None = None) -> Summary:
+    """Read, check and clean every reference and test recording into `clips/<clip>.npz` (§3)."""
+    references = {recording.name: recording for recording in clips.reference_recordings(config)}
+    tests = {recording.name: recording for recording in clips.test_recordings(config)}
+    _refuse_twins(references, tests)
+    require_writable(work_path(config, "clips"))
+    tasks = {
+        name: partial(_preprocess_clip, recording, config, name in references, export_bvh)
+        for name, recording in {**tests, **references}.items()
+    }
+    outcome = for_each(tasks, jobs, "preprocess", quiet)
+    for name in outcome.errors | outcome.bugs:
+        clip_path(config, name).unlink(missing_ok=True)
+    if not any(name in outcome.done for name in references):
+        raise DataError(
+            "\n".join([*outcome.errors.values(), "no reference clip could be read, so there is nothing to build from"])
+        )
+    files.write_json(work_path(config, "clips", "index.json"), _index(config, references, tests, outcome))
+    summary = Summary(outcome, [(name, note) for name, done in outcome.done.items() for note in done["notes"]])
+    summary.warnings += _unmatched_patterns(config, references)
+    summary.warnings += [
+        (recording.name, "no BVH file, so it is no reference") for recording in clips.recordings_without_motion(config)
+    ]
+    if config.keywords.words == {}:
+        summary.warnings.append(("keywords", "the keyword list is empty, so no piece ends at a keyword"))
+    summary.lines.append(
+        f"{len(outcome.done)} of {len(tasks)} clips ready: {sum(n in outcome.done for n in references)} references, "
+        f"{sum(n in outcome.done for n in tests)} tests"
+    )
+    summary.written = [work_path(config, "clips")] + ([export_bvh] if export_bvh else [])
+    return summary
+
+
+def _preprocess_clip(recording: clips.Recording, config: Config, with_motion: bool, export_bvh: Path | None) -> dict:
+    clip = clips.prepare(recording, config, with_motion)
+    clips.save(clip_path(config, clip.name), clip, config)
+    if export_bvh is not None and clip.motion is not None:
+        bvh.write(export_bvh / f"{clip.name}.bvh", clip.motion)
+    return {"notes": clip.notes, "speaker": clip.speaker, "seconds": clip.duration}
+
+
+def _refuse_twins(references: dict[str, clips.Recording], tests: dict[str, clips.Recording]) -> None:
+    for name in sorted(references.keys() & tests.keys()):
+        if references[name].audio_path != tests[name].audio_path:
+            raise DataError(
+                f"{tests[name].audio_path}: clip {name} is a reference and a test with different files; rename one of them"
+            )
+
+
+def _index(
+    config: Config, references: dict[str, clips.Recording], tests: dict[str, clips.Recording], outcome: Outcome
+) -> dict:
+    """What later commands need to know of the data, so that they need not look at it again."""
+    truths = _truths(config, tests)
+    done = outcome.done
+    return {
+        "format_version": INDEX_VERSION,
+        "settings": config.section_json("data", "blacklist"),
+        "references": {
+            name: {key: done[name][key] for key in ("speaker", "seconds")} for name in references if name in done
+        },
+        "tests": {
+            name: {**{key: done[name][key] for key in ("speaker", "seconds")}, "truth": truths.get(name)}
+            for name in tests
+            if name in done
+        },
+        "training_seconds": sum(_training_seconds(config, references, outcome)),
+        "failed": {name: outcome.errors.get(name, "a bug of gesturegen") for name in tests if name not in done},
+    }
+
+
+def _truths(config: Config, tests: dict[str, clips.Recording]) -> dict[str, str]:
+    """The true motion of test clips: beside their audio, or in `data.truth_split`."""
+    found = {name: recording.motion_path for name, recording in tests.items() if recording.motion_path}
+    if config.data.truth_split is not None:
+        folder = Path(config.paths.data) / config.data.truth_split
+        if not folder.is_dir():
+            raise DataError(f"{folder}: no such folder of true motion; check data.truth_split")
+        found |= {r.name: r.motion_path for r in clips.list_recordings(folder) if r.motion_path and r.name in tests}
+    return {name: str(path.resolve()) for name, path in found.items()}
+
+
+def _training_seconds(config: Config, references: dict[str, clips.Recording], outcome: Outcome) -> list[float]:
+    """Durations of the whole training set, the blacklist included: what utilisation is a share of."""
+    seconds = [outcome.done[name]["seconds"] for name in references if name in outcome.done]
+    for recording in clips.blacklisted_recordings(config):
+        try:
+            samples, rate = audio.read_samples(recording.audio_path) if recording.audio_path else ((), 1)
+        except DataError:
+            continue
+        seconds.append(len(samples) / rate)
+    return seconds
+
+
+def _unmatched_patterns(config: Config, references: dict[str, clips.Recording]) -> list[tuple[str, str]]:
+    blacklisted = [recording.name for recording in clips.blacklisted_recordings(config)]
+    warnings = [
+        ("blacklist", f"{pattern!r} matches no reference clip; check its spelling")
+        for pattern in config.blacklist
+        if not any(clips.is_listed(name, (pattern,)) for name in blacklisted)
+    ]
+    return warnings + [
+        ("exclude", f"clip {range_.clip!r} is no reference clip; check its spelling")
+        for range_ in config.exclude
+        if not any(clips.is_listed(name, (range_.clip,)) for name in [*references, *blacklisted])
+    ]
+
+
+def suggest_blacklist(config: Config, jobs: int, quiet: bool) -> Summary:
+    """List near-motionless or glitching clips and ranges with the reason and the figure; exclude nothing."""
+    recordings = {recording.name: recording for recording in clips.reference_recordings(config)}
+    outcome = for_each(
+        {name: partial(_screen_clip, recording, config) for name, recording in recordings.items()},
+        jobs,
+        "screen",
+        quiet,
+    )
+    lines = [line for found in outcome.done.values() for line in found]
+    return Summary(outcome, lines=lines or [f"nothing to suggest in {len(outcome.done)} clips"])
+
+
+def _screen_clip(recording: clips.Recording, config: Config) -> list[str]:
+    motion = cleanup.resample(bvh.read(recording.motion_path), config.fps)
+    joints, _ = clips.select_joints(motion.skeleton, config)
+    return [finding.describe(recording.name) for finding in screening.screen(motion, joints, config.wrists.joints)]
