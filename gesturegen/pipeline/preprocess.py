@@ -76,8 +76,12 @@ def _index(
             name: {key: done[name][key] for key in ("speaker", "seconds")} for name in references if name in done
         },
         "tests": {
-            name: {**{key: done[name][key] for key in ("speaker", "seconds")}, "truth": truths.get(name)}
-            for name in tests
+            name: {
+                **{key: done[name][key] for key in ("speaker", "seconds")},
+                "audio": str(recording.audio_path.resolve()),
+                "truth": truths.get(name),
+            }
+            for name, recording in tests.items()
             if name in done
         },
         "training_seconds": sum(_training_seconds(config, references, outcome)),
