@@ -6,7 +6,7 @@ BIN = $(VENV)/bin
 GESTUREGEN = $(BIN)/gesturegen
 FLAGS = $(if $(JOBS),-j $(JOBS))
 
-.PHONY: help install demo test test-slow lint bench clean
+.PHONY: help install demo test test-slow challenge challenge-demo lint bench clean
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -38,6 +38,14 @@ test: install  ## the fast tests
 test-slow: install  ## the tests that take longer
 	$(BIN)/python -m pytest -m slow -q
 
+challenge: install  ## the full challenge: make challenge DATA=genea WORK=out
+	@test -n '$(DATA)' -a -n '$(WORK)' || { echo 'give the folders: make challenge DATA=genea WORK=out'; exit 2; }
+	$(GESTUREGEN) run --config configs/casia_go_2023.yaml --data '$(DATA)' --work '$(WORK)' $(FLAGS)
+
+challenge-demo: install  ## the same on a synthetic dataset of the challenge's size (3 GB in challenge/)
+	test -d challenge/data || $(GESTUREGEN) demo-data challenge/data --references 70 --tests 70 --challenge $(FLAGS)
+	$(GESTUREGEN) run --config configs/demo.yaml --data challenge/data --work challenge/work $(FLAGS)
+
 lint: install  ## style and unused names
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -46,4 +54,4 @@ bench: install  ## time and memory of each stage, beside the obvious implementat
 	PYTHONPATH=. $(BIN)/python scripts/bench.py
 
 clean:  ## delete the environment and everything the demo wrote
-	rm -rf $(VENV) demo bench
+	rm -rf $(VENV) demo bench challenge

@@ -108,7 +108,8 @@ def _run(quiet: bool, work: Callable[[], Summary]) -> None:
     for clip, trace in outcome.bugs.items():
         click.echo(f"{trace}bug: {clip}: this is a fault of gesturegen; please report the lines above", err=True)
     for clip, error in outcome.errors.items():
-        click.echo(f"error: {clip}: {error}", err=True)
+        for line in error.splitlines():
+            click.echo(f"error: {clip}: {line}", err=True)
     if outcome.failed:
         click.echo(f"error: {outcome.failed} of {outcome.failed + len(outcome.done)} failed", err=True)
         sys.exit(1)
@@ -236,6 +237,54 @@ def evaluate(
         quiet,
         lambda: pipeline.evaluate(config, jobs, quiet, genea_compat, bvh_folder, audio_folder, truth_folder),
     )
+
+
+@main.command()
+@_common
+@click.option("--force", is_flag=True, help="Redo everything.")
+def run(config: Config, jobs: int, quiet: bool, force: bool) -> None:
+    """All stages in order: preprocess, build-graph, reenact, evaluate, pack.
+
+    Does only what is not yet done or has changed, so an interrupted run goes on where it stopped.
+
+    
+    Example:
+      gesturegen run --config configs/casia_go_2023.yaml --data genea --work out
+    """
+    from gesturegen import pipeline
+
+    _run(quiet, lambda: pipeline.run(config, jobs, quiet, force))
+
+
+@main.command()
+@_common
+def pack(config: Config, jobs: int, quiet: bool) -> None:
+    """Check the reenacted clips and write WORK/submission/ and WORK/submission.zip.
+
+    
+    Example:
+      gesturegen pack --data genea --work out
+    """
+    from gesturegen import pipeline
+
+    _run(quiet, lambda: pipeline.pack(config, jobs, quiet))
+
+
+@main.command()
+@click.argument("folder", type=_FOLDER, required=False)
+@_common
+@click.option("--strict", is_flag=True, help="Stretches of over 1 s without motion are errors, not warnings.")
+def check(config: Config, jobs: int, quiet: bool, folder: Path | None, strict: bool) -> None:
+    """Say of a folder of BVH files whether the challenge would accept it; without FOLDER, of WORK/reenact.
+
+    
+    Examples:
+      gesturegen check --data genea --work out
+      gesturegen check their/bvh --data genea --strict
+    """
+    from gesturegen import pipeline
+
+    _run(quiet, lambda: pipeline.check(config, folder, strict, jobs, quiet))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,9 @@ a `Speech` are what the methods see. Nothing here writes outside the folder it i
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
+import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
@@ -107,6 +109,18 @@ class Clip:
     segment_starts: np.ndarray | None = None
     n_recorded: int = 0
     notes: tuple[str, ...] = field(default=())
+
+    def all_notes(self, config: Config) -> list[str]:
+        """What is odd about the clip, with these settings."""
+        if len(self.onset_peaks.select(config.onsets.min_strength, config.onsets.muted_max_share)):
+            return list(self.notes)
+        strongest = self.onset_peaks.strengths.max(initial=0.0)
+        what = f"{len(self.words)} words but no onset" if self.words else "no onset"
+        return [
+            *self.notes,
+            f"{what}: the strongest peak is {strongest:.1f}, onsets.min_strength is {config.onsets.min_strength:g}; "
+            "lower it for quiet or noisy recordings",
+        ]
 
     def test_speech(self, config: Config) -> Speech:
         return self._speech(config, round(self.duration * config.fps))
@@ -248,13 +262,6 @@ def prepare(recording: Recording, config: Config, with_motion: bool) -> Clip:
     notes: list[str] = []
     if recording.transcript_path is not None:
         words, notes = transcript.read(recording.transcript_path, duration)
-    if not len(peaks.select(config.onsets.min_strength, config.onsets.muted_max_share)):
-        strongest = peaks.strengths.max(initial=0.0)
-        what = f"{len(words)} words but no onset" if words else "no onset"
-        notes.append(
-            f"{what}: the strongest peak is {strongest:.1f}, onsets.min_strength is {config.onsets.min_strength:g}; "
-            "lower it for quiet or noisy recordings"
-        )
     clip = Clip(recording.name, recording.speaker, duration, peaks, words, notes=tuple(notes))
     return _with_motion(clip, recording, config) if with_motion else clip
 
@@ -318,11 +325,32 @@ def select_joints(skeleton: Skeleton, config: Config) -> tuple[list[int], list[s
 # --- storing clips ------------------------------------------------------------------------------------------
 
 
-def save(path: str | Path, clip: Clip, config: Config) -> None:
-    """Store a clip as `.npz` (README, file formats)."""
+def input_digest(recording: Recording) -> str:
+    """A hash of all that a clip is made from: its files' bytes and its speaker."""
+    paths = (recording.motion_path, recording.audio_path, recording.transcript_path)
+    parts = [recording.speaker or "", *(files.sha256(path) if path else "" for path in paths)]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def load_if_current(path: str | Path, config: Config, digest: str, with_motion: bool) -> Clip | None:
+    """The stored clip, without its motion, when it was made from these inputs with these settings; else None."""
+    if not Path(path).is_file():
+        return None
+    try:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as stored:
+            if str(stored["input_digest"]) != digest or ("expmaps" in stored) != with_motion:
+                return None
+        return load(path, config, with_motion=False)
+    except (DataError, KeyError, ValueError, OSError, zipfile.BadZipFile):
+        return None
+
+
+def save(path: str | Path, clip: Clip, config: Config, digest: str = "") -> None:
+    """Store a clip as `.npz` (README, file formats); digest : of its inputs, so that `run` can tell."""
     arrays = {
         "format_version": np.array(FORMAT_VERSION),
         "settings": np.array(config.section_json(*_SETTINGS)),
+        "input_digest": np.array(digest),
         "name": np.array(clip.name),
         "speaker": np.array(clip.speaker or ""),
         "duration": np.array(clip.duration),

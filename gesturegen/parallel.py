@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import traceback
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -40,7 +41,6 @@ def for_each(tasks: Mapping[str, Callable[[], Any]], jobs: int, label: str, quie
     With one job, or one task, everything runs in this process. The outcome is the same for any `jobs`.
     """
     import joblib
-    from tqdm import tqdm
 
     jobs = min(jobs, len(tasks))
     outcome = Outcome()
@@ -50,19 +50,59 @@ def for_each(tasks: Mapping[str, Callable[[], Any]], jobs: int, label: str, quie
         results = parallel(joblib.delayed(_guarded)(name, tasks[name]) for name in names)
     else:
         results = (_guarded(name, tasks[name]) for name in names)
-    try:
-        # disable=None: no bar where the output is no terminal.
-        with tqdm(total=len(names), desc=label, unit="clip", disable=True if quiet else None) as bar:
-            bar.set_postfix(failed=0)
+    with _stage(label, len(names), quiet) as bar:
+        try:
             for name, kind, value in results:
                 getattr(outcome, kind)[name] = value
-                bar.set_postfix(failed=outcome.failed, refresh=False)
+                bar.failed += kind != "done"
+                bar.set_postfix(failed=bar.failed, refresh=False)
                 bar.update()
-    except joblib.externals.loky.process_executor.TerminatedWorkerError:
-        raise DataError("a worker process died, most likely out of memory; use fewer jobs with -j") from None
+        except joblib.externals.loky.process_executor.TerminatedWorkerError:
+            raise DataError("a worker process died, most likely out of memory; use fewer jobs with -j") from None
     for kind in ("done", "errors", "bugs"):
         setattr(outcome, kind, dict(sorted(getattr(outcome, kind).items())))
     return outcome
+
+
+_shared_bar: Any = None
+
+
+@contextmanager
+def one_display(stages: int, quiet: bool) -> Iterator[None]:
+    """Inside the block all calls of `for_each` share one bar: stage, clips done, time left, failures."""
+    global _shared_bar
+    with _new_bar("", 0, quiet) as bar:
+        bar.stage, bar.stages = 0, stages
+        _shared_bar = bar
+        try:
+            yield
+        finally:
+            _shared_bar = None
+
+
+@contextmanager
+def _stage(label: str, total: int, quiet: bool) -> Iterator[Any]:
+    """The bar for one call of `for_each`: its own, or the shared one moved on to the next stage."""
+    if _shared_bar is None:
+        with _new_bar(label, total, quiet) as bar:
+            yield bar
+        return
+    bar = _shared_bar
+    bar.stage += 1
+    bar.set_description(f"{bar.stage}/{bar.stages} {label}", refresh=False)
+    bar.total += total
+    bar.refresh()
+    yield bar
+
+
+def _new_bar(label: str, total: int, quiet: bool) -> Any:
+    from tqdm import tqdm
+
+    # disable=None: no bar where the output is no terminal.
+    bar = tqdm(total=total, desc=label, unit="clip", disable=True if quiet else None)
+    bar.failed = 0
+    bar.set_postfix(failed=0, refresh=False)
+    return bar
 
 
 def _guarded(name: str, task: Callable[[], Any]) -> tuple[str, str, Any]:

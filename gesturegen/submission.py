@@ -14,10 +14,16 @@ from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.graph.motion_graph import MotionGraph
 from gesturegen.keynodes import KeyNodes
-from gesturegen.motion import bvh
-from gesturegen.motion.skeleton import Skeleton
+from gesturegen.motion import bvh, rotation
+from gesturegen.motion.skeleton import Motion, Skeleton
 from gesturegen.search.path import Path as SearchPath
 from gesturegen.search.path import Piece, resampled_indices
+
+# A torn frame turns a joint by a right angle or more; recorded gestures and blends stay well below.
+LARGEST_TURN_DEGREES_PER_SECOND = 2700.0
+# Below this nothing moves: a written file has six decimals.
+STILL_DEGREES, STILL_DISTANCE = 1e-3, 1e-5
+STILL_SECONDS = 1.0
 
 
 def make_trace(
@@ -53,7 +59,48 @@ def make_trace(
             "end_kind": stuck.end_kind,
             "keyword": stuck.keyword,
         },
+        "notes": _notes(pieces, graph, key_nodes, config),
     }
+
+
+def _notes(pieces: Sequence[Piece], graph: MotionGraph, key_nodes: KeyNodes, config: Config) -> list[str]:
+    """What a user should know of a clip beyond its figures."""
+    notes = []
+    lacking = sorted(set(key_nodes.keywords.tolist()) - set(graph.key_nodes.keywords.tolist()))
+    if lacking and config.termination.fallbacks:
+        notes.append(f"keywords that its references lack, so those pieces end at onsets: {', '.join(lacking)}")
+    repeats = sum(piece.fallback == "repeat" for piece in pieces)
+    if repeats:
+        notes.append(f"{repeats} of {len(pieces)} pieces hold one pose, because no path fits; give longer references")
+    return notes
+
+
+def write_clip(folder: Path, name: str, motion: Motion | None, trace: Mapping) -> None:
+    """Write a clip's BVH (none for a clip that got stuck) and then its trace, which knows the BVH's hash."""
+    path = folder / f"{name}.bvh"
+    if motion is None:
+        remove_clip(folder, name)
+    else:
+        bvh.write(path, motion)
+    digest = files.sha256(path) if motion is not None else None
+    files.write_text(folder / f"{name}.trace.json", format_trace({**trace, "bvh_sha256": digest}))
+
+
+def remove_clip(folder: Path, name: str) -> None:
+    """Results of an earlier run must not pass for this one's."""
+    for suffix in (".bvh", ".trace.json"):
+        (folder / f"{name}{suffix}").unlink(missing_ok=True)
+
+
+def read_trace_if_current(folder: Path, name: str, inputs: str) -> dict | None:
+    """The trace of a written clip when it was made of `inputs` and its BVH is as it was written; else None."""
+    path = folder / f"{name}.bvh"
+    try:
+        trace = files.read_json(folder / f"{name}.trace.json")
+        digest = files.sha256(path) if path.is_file() else None
+        return trace if trace["inputs"] == inputs and trace["bvh_sha256"] == digest else None
+    except (DataError, KeyError, TypeError):
+        return None
 
 
 def _describe_piece(piece: Piece) -> dict:
@@ -165,23 +212,54 @@ def describe_failure(stuck: Mapping, fps: float) -> str:
     )
 
 
-def check_motion(path: Path, skeleton: Skeleton, n_frames: int, fps: float) -> list[str]:
-    """What is wrong with a BVH file as a challenge submission, one line each; empty when it is valid.
+def check_motion(
+    path: Path, skeletons: Sequence[Skeleton], n_frames: int | None, fps: float
+) -> tuple[list[str], list[str]]:
+    """What is wrong with a BVH file as a challenge submission, and what is odd, one line each.
 
-    Raises nothing: a file that cannot be read is one of the problems.
+    skeletons : those of the training data, one of which it must have; n_frames : of its speech, None where
+    unknown. Raises nothing: a file that cannot be read is one of the problems.
     """
     if not path.is_file():
-        return [f"{path}: missing"]
+        return [f"{path}: missing"], []
     try:
         motion = bvh.read(path)
     except DataError as error:
-        return [str(error)]
+        return [str(error)], []
     problems = []
-    difference = motion.skeleton.difference(skeleton)
-    if difference:
-        problems.append(f"{path}: not the reference's skeleton: {difference}")
-    if motion.n_frames != n_frames:
+    differences = [motion.skeleton.difference(skeleton) for skeleton in skeletons]
+    if all(differences):
+        problems.append(f"{path}: not the training skeleton: {differences[0]}")
+    if n_frames is not None and motion.n_frames != n_frames:
         problems.append(f"{path}: {motion.n_frames} frames, the speech has {n_frames}")
     if motion.fps != fps:
         problems.append(f"{path}: {motion.fps:g} fps, expected {fps:g}")
-    return problems
+    return problems + _torn_frames(path, motion), _still_stretches(path, motion)
+
+
+def _torn_frames(path: Path, motion: Motion) -> list[str]:
+    """Joints that turn faster than a body can, the worst frame of each."""
+    turns = np.degrees(rotation.angle_between(motion.rotations[:-1], motion.rotations[1:])) * motion.fps
+    if not turns.size:
+        return []
+    worst = turns.argmax(axis=0)
+    return [
+        f"{path}: frame {frame + 1}: {motion.skeleton.names[joint]} turns {turns[frame, joint]:.0f} degrees/s, "
+        f"more than {LARGEST_TURN_DEGREES_PER_SECOND:g}"
+        for joint, frame in enumerate(worst)
+        if turns[frame, joint] > LARGEST_TURN_DEGREES_PER_SECOND
+    ]
+
+
+def _still_stretches(path: Path, motion: Motion) -> list[str]:
+    """Stretches of over a second in which no channel changes."""
+    turns = np.degrees(rotation.angle_between(motion.rotations[:-1], motion.rotations[1:]))
+    moves = np.abs(np.diff(motion.positions, axis=0))
+    still = (turns < STILL_DEGREES).all(axis=1) & (moves < STILL_DISTANCE).all(axis=(1, 2))
+    edges = np.diff(np.concatenate([[False], still, [False]]).astype(int))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    return [
+        f"{path}: frames {start} to {end}: no motion for {(end - start) / motion.fps:.1f} s"
+        for start, end in zip(starts, ends, strict=True)
+        if end - start > STILL_SECONDS * motion.fps
+    ]

@@ -54,3 +54,8 @@ def format_csv(rows: Mapping[str, Mapping], total: Mapping, columns: Sequence[Me
 
 def json_figures(row: Mapping[str, float]) -> dict[str, float | None]:
     return {key: None if format_figure(value) == "-" else value for key, value in row.items()}
+
+
+def from_json(row: Mapping[str, float | None]) -> dict[str, float]:
+    """The figures that `json_figures` wrote."""
+    return {key: math.nan if value is None else value for key, value in row.items()}

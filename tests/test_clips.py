@@ -263,7 +263,7 @@ def test_notes_of_the_transcript_are_kept(prepare):
 def test_words_without_onsets_are_noted_with_the_key(prepare):
     clip, config = prepare("onsets.min_strength=500")
     assert len(clip.reference(config).speech.onset_times) == 0
-    (note,) = clip.notes
+    (note,) = clip.all_notes(config)
     assert re.search(r"2 words but no onset: the strongest peak is \d+\.\d, onsets\.min_strength is 500", note)
 
 
@@ -273,12 +273,13 @@ def test_silence_with_words_is_noted_and_works(prepare, tmp_path):
     (recording,) = clips.list_recordings(tmp_path / "trn")
     clip = clips.prepare(recording, settings_for(tmp_path), True)
     assert len(clip.onset_peaks.times) == 0
-    assert "the strongest peak is 0.0" in clip.notes[0]
+    assert "the strongest peak is 0.0" in clip.all_notes(settings_for(tmp_path))[0]
 
 
 def test_silence_without_words_is_noted(prepare):
-    clip, _ = prepare(onsets=(), words=None)
-    assert len(clip.notes) == 1 and clip.notes[0].startswith("no onset: the strongest peak is")
+    clip, config = prepare(onsets=(), words=None)
+    (note,) = clip.all_notes(config)
+    assert note.startswith("no onset: the strongest peak is")
 
 
 def test_another_frame_rate_is_resampled_and_noted(prepare):

@@ -226,3 +226,11 @@ def load(path: str | Path, config: Config | None = None, clip_digests: Sequence[
         )  # fmt: skip
     except KeyError as error:
         raise DataError(f"{path}: no array {error} in it; delete it and run build-graph again") from None
+
+
+def load_if_current(path: str | Path, config: Config, clip_digests: Sequence[str]) -> MotionGraph | None:
+    """The stored graph when it was made from these clips with these settings; else None."""
+    try:
+        return load(path, config, clip_digests)
+    except DataError:
+        return None

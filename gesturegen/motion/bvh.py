@@ -32,15 +32,16 @@ def read(path: str | Path) -> Motion:
     Raises DataError with the line for anything that is not a complete, finite BVH file.
     """
     path = Path(path)
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
-    text = _decode(path, raw)
-    header, body, body_line = _split(path, text)
+    header, body, body_line = _split(path, _read_text(path))
     skeleton = _Hierarchy(path, header).parse()
     frame_time, values = _read_frames(path, body, body_line, skeleton)
     return _to_motion(skeleton, values, _frames_per_second(frame_time))
+
+
+def read_skeleton(path: str | Path) -> Skeleton:
+    """The skeleton of a BVH file; its frames are not looked at."""
+    path = Path(path)
+    return _Hierarchy(path, _split(path, _read_text(path))[0]).parse()
 
 
 def write(path: str | Path, motion: Motion) -> None:
@@ -85,7 +86,11 @@ def hierarchy_text(
     return "\n".join(lines) + "\n"
 
 
-def _decode(path: Path, raw: bytes) -> str:
+def _read_text(path: Path) -> str:
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
     if not raw.strip():
         raise DataError(f"{path}: the file is empty; copy it again from its source")
     if b"\0" in raw:

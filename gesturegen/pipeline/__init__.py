@@ -10,5 +10,19 @@ from gesturegen.pipeline.datasets import demo_data, init
 from gesturegen.pipeline.evaluate import evaluate
 from gesturegen.pipeline.preprocess import preprocess, suggest_blacklist
 from gesturegen.pipeline.reenact import reenact
+from gesturegen.pipeline.run import run
+from gesturegen.pipeline.submit import check, pack
 
-__all__ = ["Summary", "build_graphs", "demo_data", "evaluate", "init", "preprocess", "reenact", "suggest_blacklist"]
+__all__ = [
+    "Summary",
+    "build_graphs",
+    "check",
+    "demo_data",
+    "evaluate",
+    "init",
+    "pack",
+    "preprocess",
+    "reenact",
+    "run",
+    "suggest_blacklist",
+]

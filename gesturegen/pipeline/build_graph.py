@@ -24,22 +24,31 @@ from gesturegen.pipeline.common import (
 )
 
 
-def build_graphs(config: Config, jobs: int, quiet: bool) -> Summary:
-    """Build the graph of every group of references that a test clip is given (§4.1)."""
+def build_graphs(config: Config, jobs: int, quiet: bool, reuse: bool = False) -> Summary:
+    """Build the graph of every group of references that a test clip is given (§4.1).
+
+    reuse : keep stored graphs whose clips and settings have not changed
+    """
     chosen = chosen_references(config, read_index(config))
     groups = {graph_name(names): names for names in chosen.values()}
     require_writable(work_path(config, "graphs"))
     outcome = for_each(
-        {name: partial(_build_graph, names, config) for name, names in groups.items()}, jobs, "build-graph", quiet
+        {name: partial(_build_graph, names, config, reuse) for name, names in groups.items()},
+        jobs,
+        "build-graph",
+        quiet,
     )
     summary = Summary(outcome, written=[work_path(config, "graphs")])
     summary.lines = [f"{name}: {line}" for name, line in outcome.done.items()]
     return summary
 
 
-def _build_graph(names: Sequence[str], config: Config) -> str:
-    graph = METHODS[config.method].build(load_references(config, names), config)
-    motion_graph.save(graph_path(config, graph_name(names)), graph, config, digests(config, names))
+def _build_graph(names: Sequence[str], config: Config, reuse: bool) -> str:
+    path, clip_digests = graph_path(config, graph_name(names)), digests(config, names)
+    graph = motion_graph.load_if_current(path, config, clip_digests) if reuse else None
+    if graph is None:
+        graph = METHODS[config.method].build(load_references(config, names), config)
+        motion_graph.save(path, graph, config, clip_digests)
     kinds = ", ".join(f"{int(np.sum(graph.key_nodes.kinds == kind))} {kind}" for kind in ("onset", "keyword", "break"))
     return (
         f"{graph.n_nodes} nodes, {int(np.sum(graph.natural))} natural and {int(np.sum(~graph.natural))} unnatural edges, "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,7 +16,7 @@ from gesturegen.errors import DataError
 from gesturegen.graph import motion_graph
 from gesturegen.metrics.usage import training_utilisation
 from gesturegen.motion import bvh, cleanup
-from gesturegen.parallel import for_each
+from gesturegen.parallel import Outcome, for_each
 from gesturegen.pipeline.common import Summary, clip_path, graph_path, read_index, require_writable, work_path
 from gesturegen.speech import audio
 
@@ -34,14 +35,21 @@ class _Evidence:
 def evaluate(
     config: Config, jobs: int, quiet: bool, compat: bool = False,
     bvh_folder: Path | None = None, audio_folder: Path | None = None, truth_folder: Path | None = None,
+    reuse: bool = False,
 ) -> Summary:  # fmt: skip
-    """Measure a run, or anybody's BVH files, per clip and in total (§5.2)."""
+    """Measure a run, or anybody's BVH files, per clip and in total (§5.2).
+
+    reuse : keep a run's figures when neither its clips, their truth nor the settings have changed
+    """
     if bvh_folder is not None:
         evidence, failed, index = _foreign_evidence(bvh_folder, audio_folder, truth_folder), [], None
         signature = {"method": "files", "config_hash": config.signature(), "seed": "-", "version": __version__}
     else:
         index = read_index(config)
         evidence, failed, signature = _own_evidence(config, index, truth_folder)
+        signature["inputs"] = _inputs(evidence, config)
+        if reuse and (kept := _kept_figures(config, signature)) is not None:
+            return kept
     require_writable(work_path(config, "evaluate"))
     outcome = for_each({item.name: partial(_measure, item, config) for item in evidence}, jobs, "evaluate", quiet)
     measured = outcome.done
@@ -68,6 +76,27 @@ def evaluate(
     summary.lines = [tables.format_blocks(rows, total, columns), "", _signature_line(signature)]
     summary.written = _write_tables(config, rows, total, columns, signature, suffix)
     return summary
+
+
+def _inputs(evidence: list[_Evidence], config: Config) -> str:
+    """A hash of all that a run's figures are made of."""
+    paths = [work_path(config, "reenact", "manifest.json"), *(item.truth for item in evidence if item.truth)]
+    made_of = [__version__, config.signature(), *(files.sha256(path) for path in paths)]
+    return hashlib.sha256("\n".join(made_of).encode()).hexdigest()[:12]
+
+
+def _kept_figures(config: Config, signature: dict) -> Summary | None:
+    """The stored tables, when they were made of the same inputs."""
+    csv_path, json_path = work_path(config, "evaluate", "metrics.csv"), work_path(config, "evaluate", "summary.json")
+    if not csv_path.is_file() or not json_path.is_file():
+        return None
+    stored = files.read_json(json_path)
+    if stored.get("signature") != signature:
+        return None
+    rows = {name: tables.from_json(row) for name, row in stored["clips"].items()}
+    total, columns = tables.from_json(stored["total"]), evaluation.measures(config)
+    lines = [tables.format_blocks(rows, total, columns), "", _signature_line(signature)]
+    return Summary(Outcome(done=rows), lines=lines, written=[csv_path, json_path])
 
 
 def _write_tables(config: Config, rows: dict, total: dict, columns: list, signature: dict, suffix: str) -> list[Path]:

@@ -14,14 +14,17 @@ from gesturegen.pipeline.common import INDEX_VERSION, Summary, clip_path, requir
 from gesturegen.speech import audio
 
 
-def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None = None) -> Summary:
-    """Read, check and clean every reference and test recording into `clips/<clip>.npz` (§3)."""
+def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None = None, reuse: bool = False) -> Summary:
+    """Read, check and clean every reference and test recording into `clips/<clip>.npz` (§3).
+
+    reuse : keep stored clips whose inputs and settings have not changed
+    """
     references = {recording.name: recording for recording in clips.reference_recordings(config)}
     tests = {recording.name: recording for recording in clips.test_recordings(config)}
     _refuse_twins(references, tests)
     require_writable(work_path(config, "clips"))
     tasks = {
-        name: partial(_preprocess_clip, recording, config, name in references, export_bvh)
+        name: partial(_preprocess_clip, recording, config, name in references, export_bvh, reuse)
         for name, recording in {**tests, **references}.items()
     }
     outcome = for_each(tasks, jobs, "preprocess", quiet)
@@ -47,12 +50,18 @@ def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None =
     return summary
 
 
-def _preprocess_clip(recording: clips.Recording, config: Config, with_motion: bool, export_bvh: Path | None) -> dict:
-    clip = clips.prepare(recording, config, with_motion)
-    clips.save(clip_path(config, clip.name), clip, config)
+def _preprocess_clip(
+    recording: clips.Recording, config: Config, with_motion: bool, export_bvh: Path | None, reuse: bool
+) -> dict:
+    path = clip_path(config, recording.name)
+    digest = clips.input_digest(recording)
+    clip = clips.load_if_current(path, config, digest, with_motion) if reuse else None
+    if clip is None:
+        clip = clips.prepare(recording, config, with_motion)
+        clips.save(path, clip, config, digest)
     if export_bvh is not None and clip.motion is not None:
         bvh.write(export_bvh / f"{clip.name}.bvh", clip.motion)
-    return {"notes": clip.notes, "speaker": clip.speaker, "seconds": clip.duration}
+    return {"notes": clip.all_notes(config), "speaker": clip.speaker, "seconds": clip.duration}
 
 
 def _refuse_twins(references: dict[str, clips.Recording], tests: dict[str, clips.Recording]) -> None:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 from functools import lru_cache, partial
-from pathlib import Path
 
-from gesturegen import clips, files, keynodes, render, submission
+from gesturegen import __version__, clips, files, keynodes, render, submission
 from gesturegen.config import Config
 from gesturegen.graph import motion_graph
 from gesturegen.methods import METHODS
-from gesturegen.motion import bvh
 from gesturegen.parallel import for_each
 from gesturegen.pipeline.common import (
     Summary,
@@ -26,19 +25,25 @@ from gesturegen.pipeline.common import (
 from gesturegen.randomness import generator
 
 
-def reenact(config: Config, jobs: int, quiet: bool) -> Summary:
-    """Search and render every test clip; write BVH, trace and manifest (§4.2)."""
+def reenact(config: Config, jobs: int, quiet: bool, reuse: bool = False) -> Summary:
+    """Search and render every test clip; write BVH, trace and manifest (§4.2).
+
+    reuse : keep written clips whose graph, speech and settings have not changed
+    """
     index = read_index(config)
     chosen = chosen_references(config, index)
     folder = work_path(config, "reenact")
     require_writable(folder)
     outcome = for_each(
-        {test: partial(_reenact_clip, test, names, config) for test, names in chosen.items()}, jobs, "reenact", quiet
+        {test: partial(_reenact_clip, test, names, config, reuse) for test, names in chosen.items()},
+        jobs,
+        "reenact",
+        quiet,
     )
     rows = [done["row"] for done in outcome.done.values()]
     outcome.errors |= {name: f"failed in preprocess: {error}" for name, error in index["failed"].items()}
     for name, error in (outcome.errors | dict.fromkeys(outcome.bugs, "a bug of gesturegen")).items():
-        _remove_results(folder, name)
+        submission.remove_clip(folder, name)
         rows.append({"clip": name, "references": list(chosen.get(name, ())), "stuck": False, "error": error})
     files.write_json(folder / "manifest.json", submission.manifest(rows, config, folder))
     summary = Summary(outcome, written=[folder])
@@ -61,35 +66,23 @@ def _library(
     return load_references(config, names), graph
 
 
-def _reenact_clip(test: str, names: tuple[str, ...], config: Config) -> dict:
+def _reenact_clip(test: str, names: tuple[str, ...], config: Config, reuse: bool) -> dict:
     folder = work_path(config, "reenact")
     stored_graph = graph_path(config, graph_name(names))
+    clip_digests = digests(config, names)
     graph_digest = files.sha256(stored_graph) if stored_graph.is_file() else ""
-    references, graph = _library(config.model_dump_json(by_alias=True), names, digests(config, names), graph_digest)
-    speech = clips.load(clip_path(config, test), config, with_motion=False).test_speech(config)
-    key_nodes = keynodes.of_speech(speech, config.keywords.words)
-    path = METHODS[config.method].search(graph, speech, config, generator(config.seed, test))
-    trace = submission.make_trace(path, graph, graph_name(names), speech, key_nodes, config)
-    if path.failure is None:
-        bvh.write(folder / f"{test}.bvh", render.render(path, references, graph, config))
-    else:
-        _remove_results(folder, test)
-    files.write_text(folder / f"{test}.trace.json", submission.format_trace(trace))
-    lacking = sorted(set(key_nodes.keywords.tolist()) - set(graph.key_nodes.keywords.tolist()))
-    row = submission.clip_row(trace)
-    notes = []
-    if lacking and config.termination.fallbacks:
-        notes.append(f"keywords that its references lack, so those pieces end at onsets: {', '.join(lacking)}")
-    repeats = row["fallbacks"].get("repeat", 0)
-    if repeats:
-        notes.append(f"{repeats} of {row['pieces']} pieces hold one pose, because no path fits; give longer references")
-    return {"row": row, "notes": notes}
-
-
-def _remove_results(folder: Path, name: str) -> None:
-    """Results of an earlier run must not pass for this one's."""
-    for suffix in (".bvh", ".trace.json"):
-        (folder / f"{name}{suffix}").unlink(missing_ok=True)
+    made_of = (__version__, config.signature(), test, *clip_digests, graph_digest, *digests(config, [test]))
+    inputs = hashlib.sha256("\n".join(made_of).encode()).hexdigest()
+    trace = submission.read_trace_if_current(folder, test, inputs) if reuse else None
+    if trace is None:
+        references, graph = _library(config.model_dump_json(by_alias=True), names, clip_digests, graph_digest)
+        speech = clips.load(clip_path(config, test), config, with_motion=False).test_speech(config)
+        key_nodes = keynodes.of_speech(speech, config.keywords.words)
+        path = METHODS[config.method].search(graph, speech, config, generator(config.seed, test))
+        trace = submission.make_trace(path, graph, graph_name(names), speech, key_nodes, config)
+        motion = render.render(path, references, graph, config) if path.failure is None else None
+        submission.write_clip(folder, test, motion, {**trace, "inputs": inputs})
+    return {"row": submission.clip_row(trace), "notes": trace["notes"]}
 
 
 def _describe_row(row: dict) -> str:

@@ -1,0 +1,100 @@
+"""`check` and `pack`: is a folder a valid submission, and the archive of it."""
+
+from __future__ import annotations
+
+import zipfile
+from functools import partial
+from pathlib import Path
+
+import soundfile
+
+from gesturegen import clips, files, submission
+from gesturegen.config import Config
+from gesturegen.errors import DataError
+from gesturegen.motion import bvh
+from gesturegen.motion.skeleton import Skeleton
+from gesturegen.parallel import for_each
+from gesturegen.pipeline.common import Summary, require_writable, work_path
+
+
+def check(config: Config, folder: Path | None, strict: bool, jobs: int, quiet: bool) -> Summary:
+    """Say of any BVH folder whether the challenge would accept it; one line per problem.
+
+    folder : this run's own BVH files by default; strict : stretches without motion are problems too
+    """
+    folder = folder if folder is not None else work_path(config, "reenact")
+    if not folder.is_dir():
+        raise DataError(f"{folder}: no such folder")
+    speeches = {recording.name: recording for recording in clips.test_recordings(config)}
+    skeletons = _training_skeletons(config)
+    found = {path.stem for path in folder.glob("*.bvh")}
+    tasks = {
+        name: partial(_check_clip, folder / f"{name}.bvh", speeches.get(name), skeletons, config)
+        for name in found | speeches.keys()
+    }
+    outcome = for_each(tasks, jobs, "check", quiet)
+    summary = Summary(outcome)
+    for name, (problems, warnings) in list(outcome.done.items()):
+        problems = problems + warnings if strict else problems
+        if problems:
+            outcome.errors[name] = "\n".join(problems)
+            del outcome.done[name]
+        if not strict:
+            summary.warnings += [(name, warning) for warning in warnings]
+    if not outcome.failed:
+        summary.lines = [f"{folder}: {len(outcome.done)} clips, all valid"]
+    return summary
+
+
+def _training_skeletons(config: Config) -> list[Skeleton]:
+    """The skeletons of the training data, each once."""
+    skeletons: list[Skeleton] = []
+    for recording in clips.reference_recordings(config):
+        skeleton = bvh.read_skeleton(recording.motion_path)
+        if all(skeleton.difference(other) for other in skeletons):
+            skeletons.append(skeleton)
+    return skeletons
+
+
+def _check_clip(
+    path: Path, recording: clips.Recording | None, skeletons: list[Skeleton], config: Config
+) -> tuple[list[str], list[str]]:
+    if recording is None:
+        return [f"{path}: no test clip has this name; name files as the audio is named"], []
+    n_frames, problems = None, []
+    try:
+        info = soundfile.info(str(recording.audio_path))
+        n_frames = round(info.frames / info.samplerate * config.fps)
+    except (soundfile.LibsndfileError, TypeError):
+        problems.append(f"{path}: its audio {recording.audio_path} cannot be read, so its length is not checked")
+    found, warnings = submission.check_motion(path, skeletons, n_frames, float(config.fps))
+    return found + problems, warnings
+
+
+def pack(config: Config, jobs: int, quiet: bool) -> Summary:
+    """Check this run's BVH files, then write WORK/submission/ and WORK/submission.zip; nothing when one is invalid."""
+    summary = check(config, None, False, jobs, quiet)
+    if summary.outcome.failed:
+        return summary
+    folder, archive = work_path(config, "submission"), work_path(config, "submission.zip")
+    require_writable(folder)
+    names = sorted(f"{name}.bvh" for name in summary.outcome.done)
+    for path in sorted(folder.glob("*.bvh")):
+        if path.name not in names:
+            path.unlink()
+    contents = {name: (work_path(config, "reenact") / name).read_bytes() for name in names}
+    for name, content in contents.items():
+        files.write_bytes(folder / name, lambda file, content=content: file.write(content))
+    files.write_bytes(archive, lambda file: _write_zip(file, contents))
+    summary.written = [folder, archive]
+    return summary
+
+
+def _write_zip(file, contents: dict[str, bytes]) -> None:
+    """The same bytes for the same contents: entries sorted, no times."""
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in contents.items():
+            entry = zipfile.ZipInfo(f"submission/{name}")
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, content)
