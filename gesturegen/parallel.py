@@ -68,14 +68,18 @@ _shared_bar: Any = None
 
 
 @contextmanager
-def one_display(stages: int, quiet: bool) -> Iterator[None]:
-    """Inside the block all calls of `for_each` share one bar: stage, clips done, time left, failures."""
+def one_display(stages: int, expected: int, quiet: bool) -> Iterator[None]:
+    """Inside the block all calls of `for_each` share one bar: stage, clips done, time left, failures.
+
+    expected : how many tasks all stages have together, as far as is known before they start
+    """
     global _shared_bar
-    with _new_bar("", 0, quiet) as bar:
+    with _new_bar("", expected, quiet) as bar:
         bar.stage, bar.stages = 0, stages
         _shared_bar = bar
         try:
             yield
+            bar.total = bar.n
         finally:
             _shared_bar = None
 
@@ -90,7 +94,7 @@ def _stage(label: str, total: int, quiet: bool) -> Iterator[Any]:
     bar = _shared_bar
     bar.stage += 1
     bar.set_description(f"{bar.stage}/{bar.stages} {label}", refresh=False)
-    bar.total += total
+    bar.total = max(bar.total, bar.n + total)
     bar.refresh()
     yield bar
 

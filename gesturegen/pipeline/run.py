@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from gesturegen import clips
 from gesturegen.config import Config
 from gesturegen.errors import GesturegenError
 from gesturegen.parallel import Outcome, one_display
@@ -31,7 +32,7 @@ def run(config: Config, jobs: int, quiet: bool, force: bool = False) -> Summary:
         ("pack", lambda: pack(config, jobs, quiet)),
     ]
     total = Summary(Outcome())
-    with one_display(len(stages), quiet):
+    with one_display(len(stages), _expected_tasks(config), quiet):
         for name, stage in stages:
             try:
                 summary = stage()
@@ -39,6 +40,12 @@ def run(config: Config, jobs: int, quiet: bool, force: bool = False) -> Summary:
                 raise type(error)(f"{name}: {error}") from None
             _add(total, name, summary)
     return total
+
+
+def _expected_tasks(config: Config) -> int:
+    """Clips read, graphs built, and tests reenacted, measured and checked; at most one graph per test."""
+    references, tests = len(clips.reference_recordings(config)), len(clips.test_recordings(config))
+    return references + min(references, tests) + 4 * tests
 
 
 def _add(total: Summary, stage: str, summary: Summary) -> None:
