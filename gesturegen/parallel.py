@@ -110,8 +110,12 @@ def _new_bar(label: str, total: int, quiet: bool) -> Any:
 
 
 def _guarded(name: str, task: Callable[[], Any]) -> tuple[str, str, Any]:
+    import scipy.linalg  # noqa: F401 - brings a BLAS of its own, which must be there to be limited
+    from threadpoolctl import threadpool_limits
+
     try:
-        with warnings.catch_warnings():
+        # The last digits of a matrix product depend on its threads, and those on the number of workers.
+        with threadpool_limits(limits=1), warnings.catch_warnings():
             # librosa tells of short windows and empty filters; what matters to a user is in our notes.
             warnings.filterwarnings("ignore", module="librosa")
             return name, "done", task()

@@ -25,5 +25,20 @@ def test_outcomes_are_sorted_apart(jobs):
     assert outcome.failed == 2
 
 
+def blas_threads() -> set[int]:
+    import numpy  # noqa: F401
+    import scipy.linalg  # noqa: F401
+    from threadpoolctl import threadpool_info
+
+    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_every_task_has_one_thread_for_matrix_products(jobs):
+    """Else the last digits of onset strengths, and so the stored bytes, depend on the number of workers."""
+    outcome = for_each({"a": blas_threads, "b": blas_threads}, jobs, "test", quiet=True)
+    assert outcome.done == {"a": {1}, "b": {1}}
+
+
 def test_nothing_to_do():
     assert for_each({}, 4, "test", quiet=True).failed == 0
