@@ -6,7 +6,7 @@ BIN = $(VENV)/bin
 GESTUREGEN = $(BIN)/gesturegen
 FLAGS = $(if $(JOBS),-j $(JOBS))
 
-.PHONY: help install demo test test-slow challenge challenge-demo lint bench clean
+.PHONY: help install demo ablation test test-slow challenge challenge-demo lint bench clean
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -32,6 +32,15 @@ demo: install  ## all four commands on a synthetic dataset, in demo/
 	@echo 'traces:       demo/work/reenact/*.trace.json'
 	@echo 'metric table: demo/work/evaluate/metrics.csv'
 
+ablation: install  ## the paper's Table 2 on a synthetic dataset, in ablation/
+	rm -rf ablation
+	$(GESTUREGEN) demo-data ablation/data --references 4 --tests 4 --seed 1 $(FLAGS)
+	$(GESTUREGEN) preprocess --data ablation/data --work ablation/work --set data.truth_split=truth $(FLAGS)
+	$(GESTUREGEN) ablate --config configs/ablation.yaml --data ablation/data --work ablation/work --set data.truth_split=truth $(FLAGS)
+	@echo
+	@echo 'table:            ablation/work/ablation/ablation.md, .csv, .json'
+	@echo 'bar plot:         ablation/work/ablation/ablation.png'
+
 test: install  ## the fast tests
 	$(BIN)/python -m pytest -m 'not slow' -q
 
@@ -54,4 +63,4 @@ bench: install  ## time and memory of each stage, beside the obvious implementat
 	PYTHONPATH=. $(BIN)/python scripts/bench.py
 
 clean:  ## delete the environment and everything the demo wrote
-	rm -rf $(VENV) demo bench challenge
+	rm -rf $(VENV) demo ablation bench challenge

@@ -15,6 +15,7 @@ from gesturegen.errors import GesturegenError
 from gesturegen.parallel import default_jobs
 
 if TYPE_CHECKING:
+    from gesturegen.ablation.plan import Plan
     from gesturegen.config import Config
     from gesturegen.pipeline import Summary
 
@@ -49,8 +50,11 @@ def _quiet_option(command: Callable) -> Callable:
     return click.option("--quiet", is_flag=True, help="Print errors only.")(command)
 
 
-def _common(command: Callable) -> Callable:
-    """The options of every command that works on a dataset; it is called with `config`, `jobs` and `quiet`."""
+def _common(command: Callable, load: Callable | None = None) -> Callable:
+    """The options of every command that works on a dataset; it is called with `config`, `jobs` and `quiet`.
+
+    load : what reads `config`, in place of `load_config`
+    """
 
     @click.option("--config", "config_path", type=_FILE, help="YAML settings; without it, the paper's.")
     @click.option(
@@ -73,7 +77,7 @@ def _common(command: Callable) -> Callable:
         folders = {"paths.data": data, "paths.work": work, "data.references": references, "data.tests": tests}
         given = {key: str(folder) for key, folder in folders.items() if folder is not None}
         with _one_line_errors():
-            config = load_config(config_path, overrides, given)
+            config = (load or load_config)(config_path, overrides, given)
         return command(config=config, **options)
 
     return with_config
@@ -285,6 +289,145 @@ def check(config: Config, jobs: int, quiet: bool, folder: Path | None, strict: b
     from gesturegen import pipeline
 
     _run(quiet, lambda: pipeline.check(config, folder, strict, jobs, quiet))
+
+
+def _load_plan(path: Path | None, overrides: tuple[str, ...], folders: dict[str, str]) -> Plan:
+    from gesturegen.ablation.plan import load_plan
+
+    return load_plan(path, overrides, folders)
+
+
+@main.command()
+@functools.partial(_common, load=_load_plan)
+@click.option("--keep", is_flag=True, help="Also keep graphs, BVH files and traces, in WORK/ablation/<setup>/.")
+def ablate(config: Plan, jobs: int, quiet: bool, keep: bool) -> None:
+    """Compare setups over several seeds, as in the paper's Table 2, into WORK/ablation.
+
+    --config is an ablation file: base config, seeds, and small config files that change it; without it, the
+    paper's five setups. Run preprocess with the base config first.
+
+    \b
+    Example:
+      gesturegen ablate --config configs/ablation.yaml --data genea --work out --set data.test_split=val
+    """
+    from gesturegen import pipeline
+
+    _run(quiet, lambda: pipeline.ablate(config, jobs, quiet, keep))
+
+
+def _read_compared(_context, parameter, values: tuple[str, ...]) -> list[tuple[str, Path]]:
+    """Pairs of a label and a folder; a usage error for anything else."""
+    pairs = []
+    for value in values:
+        label, sign, work = value.partition("=")
+        if not (label.strip() and sign and work):
+            raise click.BadParameter(f"{value!r} is not {parameter.metavar}, such as weak=out_weak")
+        pairs.append((label.strip(), Path(work)))
+    return pairs
+
+
+@main.command()
+@_common
+@click.option(
+    "--compare", multiple=True, metavar="LABEL=WORK", callback=_read_compared,
+    help="Show the motions of another work folder beside this run's; may be repeated.",
+)  # fmt: skip
+@click.option("--out", type=_FILE, metavar="FILE", help="The file to write, instead of WORK/report.html.")
+def report(config: Config, jobs: int, quiet: bool, compare: list[tuple[str, Path]], out: Path | None) -> None:
+    """Put the reenacted clips into one HTML file to watch, WORK/report.html.
+
+    \b
+    Examples:
+      gesturegen report --data genea --work out
+      gesturegen report --work out --compare weak=out_weak --out report.html
+    """
+    from gesturegen import pipeline
+
+    _run(quiet, lambda: pipeline.report(config, jobs, quiet, compare, out))
+
+
+def _read_size(_context, _parameter, value: str) -> tuple[int, int]:
+    width, sign, height = value.partition("x")
+    if not (sign and width.isdecimal() and height.isdecimal()):
+        raise click.BadParameter(f"{value!r} is not WIDTHxHEIGHT, such as 1280x720")
+    return int(width), int(height)
+
+
+@main.command()
+@_common
+@click.argument("path", type=click.Path(path_type=Path), required=False)
+@click.option(
+    "--audio", "sound", type=click.Path(path_type=Path), metavar="FILE|DIR",
+    help="The sound, matched by name in a folder; without it, the run's own.",
+)  # fmt: skip
+@click.option(
+    "--beside", multiple=True, metavar="LABEL=DIR", callback=_read_compared,
+    help="Show BVH files of the same names beside them; may be repeated.",
+)  # fmt: skip
+@click.option("--out", type=_FOLDER, metavar="DIR", help="Where to write, instead of WORK/video.")
+@click.option("--size", default="960x540", show_default=True, callback=_read_size, metavar="WIDTHxHEIGHT")
+def render(
+    config: Config, jobs: int, quiet: bool, path: Path | None, sound: Path | None,
+    beside: list[tuple[str, Path]], out: Path | None, size: tuple[int, int],
+) -> None:  # fmt: skip
+    """Draw motions from the front and the side into MP4 videos with sound, in WORK/video.
+
+    PATH is a BVH file or a folder of them; without it, WORK/reenact. Left is blue, right is orange.
+
+    \b
+    Examples:
+      gesturegen render --data genea --work out
+      gesturegen render out/reenact/clip.bvh --work out --beside truth=genea/val/main-agent/bvh
+      gesturegen render theirs --audio genea/tst/main-agent/wav --out videos --size 1280x720
+    """
+    from gesturegen import pipeline
+
+    _run(quiet, lambda: pipeline.render_videos(config, jobs, quiet, path, sound, beside, out, size))
+
+
+@main.command()
+@_common
+@click.argument("target", metavar="PATH")
+@click.option("--plot", type=_FILE, metavar="FILE.png", help="Also draw it: edges and degrees, or pieces and joins.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def inspect(config: Config, jobs: int, quiet: bool, target: str, plot: Path | None, as_json: bool) -> None:
+    """Print the figures of a graph, or every piece of a trace in one line.
+
+    PATH is a graph (.npz), a trace (.trace.json), or the name of a clip in WORK.
+
+    \b
+    Examples:
+      gesturegen inspect out/graphs/clip.npz --plot graph.png
+      gesturegen inspect clip --work out
+    """
+    from gesturegen import pipeline
+
+    _run(quiet, lambda: pipeline.inspect(config, target, plot, as_json))
+
+
+@main.command()
+@_common
+@click.argument("paths", nargs=-1, type=click.Path(path_type=Path), metavar="[PATH]...")
+@click.option(
+    "--format", "kinds", multiple=True, type=click.Choice(["glb", "csv", "npz"]), default=["glb"], show_default=True,
+    help="glTF 2.0, joint positions, or arrays; may be repeated.",
+)  # fmt: skip
+@click.option("--out", type=_FOLDER, metavar="DIR", help="Where to write, instead of WORK/export.")
+def export(
+    config: Config, jobs: int, quiet: bool, paths: tuple[Path, ...], kinds: tuple[str, ...], out: Path | None
+) -> None:
+    """Write motions as glTF, CSV or NumPy arrays into WORK/export.
+
+    PATHs are BVH files or folders of them; without any, WORK/reenact.
+
+    \b
+    Examples:
+      gesturegen export --work out --format glb
+      gesturegen export genea/trn/main-agent/bvh --format csv --format npz --out tables
+    """
+    from gesturegen import pipeline
+
+    _run(quiet, lambda: pipeline.export(config, jobs, quiet, paths, kinds, out))
 
 
 if __name__ == "__main__":

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from gesturegen import strict_yaml
 from gesturegen.errors import ConfigError
@@ -226,6 +226,21 @@ class Config(_Section):
         return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:12]
 
 
+class Ablation(_Section):
+    """What an ablation file holds; see `configs/ablation.yaml`."""
+
+    base: str | None = None
+    seeds: tuple[Annotated[int, Field(ge=0)], ...] = (0, 1, 2)
+    setups: tuple[str, ...]
+
+    @field_validator("seeds", "setups")
+    @classmethod
+    def _different(cls, values: tuple) -> tuple:
+        if not values or len(set(values)) < len(values):
+            raise ValueError("give at least one, and each once")
+        return values
+
+
 def configs_folder() -> Path:
     """The folder of the configs that come with gesturegen: inside an installed wheel, else of the checkout."""
     inside = Path(__file__).parent / "configs"
@@ -256,13 +271,37 @@ def load_config(
             values[section] = {}
         if isinstance(values[section], dict):  # anything else is refused below
             values[section][name] = folder
+    config = _validated(Config, values, origin, lines, set_keys)
+    return _with_keywords(config, Path(path).parent if path is not None else None)
+
+
+def layer_config(base: Config, path: str | Path) -> Config:
+    """`base` with what a YAML file changes of it; ConfigError as by `load_config`."""
+    changes, lines = strict_yaml.read_mapping(path, "check the path")
+    values = json.loads(base.model_dump_json(by_alias=True))
+    if "keywords" in changes:
+        values["keywords"] = {}  # the base's words were read in, and would win over another file
+    for key, value in changes.items():
+        both = isinstance(value, dict) and isinstance(values.get(key), dict)
+        values[key] = values[key] | value if both else value
+    return _with_keywords(_validated(Config, values, str(path), lines), Path(path).parent)
+
+
+def load_ablation(path: str | Path) -> tuple[Ablation, dict[tuple, int]]:
+    """An ablation file and the line of each of its keys; ConfigError as by `load_config`."""
+    values, lines = strict_yaml.read_mapping(path, "give an existing ablation file with --config")
+    return _validated(Ablation, values, str(path), lines), lines
+
+
+def _validated(
+    model: type[_Section], values: dict, origin: str, lines: dict[tuple, int], set_keys: Collection[tuple] = ()
+) -> Any:
     try:
-        config = Config.model_validate_json(json.dumps(values, default=str))
+        return model.model_validate_json(json.dumps(values, default=str))
     except ValidationError as error:
         problems = [problem for problem in error.errors() if not _of_other_member(problem)]
-        mistakes = [_describe(problem, origin, lines, set_keys) for problem in problems]
+        mistakes = [_describe(problem, model, origin, lines, set_keys) for problem in problems]
         raise ConfigError("\n".join(dict.fromkeys(mistakes))) from None
-    return _with_keywords(config, Path(path).parent if path is not None else None)
 
 
 def _apply_override(values: dict, override: str) -> tuple:
@@ -287,7 +326,9 @@ def _of_other_member(problem: dict) -> bool:
     return problem["loc"][0] == "joints" and problem["type"] == "literal_error" and isinstance(problem["input"], list)
 
 
-def _describe(problem: dict, origin: str, lines: dict[tuple, int], set_keys: set[tuple]) -> str:
+def _describe(
+    problem: dict, top: type[_Section], origin: str, lines: dict[tuple, int], set_keys: Collection[tuple]
+) -> str:
     """One line for one of pydantic's errors."""
     key = tuple(problem["loc"])
     if key[:1] == ("joints",):
@@ -300,7 +341,7 @@ def _describe(problem: dict, origin: str, lines: dict[tuple, int], set_keys: set
         where = f"{origin}:{line}" if line else origin
     name = ".".join(str(part) for part in key) or "the whole file"
     if problem["type"] == "extra_forbidden":
-        allowed = _keys_beside(key)
+        allowed = _keys_beside(key, top)
         near = get_close_matches(str(key[-1]), allowed, n=1, cutoff=0.5)
         hint = f"did you mean {near[0]!r}?" if near else f"allowed here: {', '.join(allowed)}"
         return f"{where}: unknown key {name!r}; {hint}"
@@ -342,14 +383,14 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _keys_beside(key: tuple) -> list[str]:
+def _keys_beside(key: tuple, top: type[_Section]) -> list[str]:
     """The keys that the section around `key` does have."""
-    model: Any = Config
+    model: Any = top
     for part in key[:-1]:
         if isinstance(part, int):
             continue
         field = next((f for name, f in model.model_fields.items() if (f.alias or name) == part), None)
-        model = field.annotation if field else Config
+        model = field.annotation if field else top
         if part == "exclude":
             model = ExcludedRange
     return [field.alias or name for name, field in model.model_fields.items()]

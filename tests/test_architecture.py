@@ -9,7 +9,7 @@ PACKAGE = Path(__file__).parent.parent / "gesturegen"
 # From the top down; rooms in one row may not import each other, except inside a package.
 ROOMS = [
     {"errors"},
-    {"files", "randomness", "strict_yaml"},
+    {"extras", "files", "randomness", "strict_yaml"},
     {"config"},
     {"motion"},
     {"speech"},
@@ -23,6 +23,9 @@ ROOMS = [
     {"submission"},
     {"evaluation"},
     {"tables"},
+    {"ablation"},
+    {"report"},
+    {"video", "inspection", "export"},
     {"demo"},
     {"parallel"},
     {"pipeline"},

@@ -9,6 +9,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
+from gesturegen.ablation.plan import load_plan
 from gesturegen.cli import main
 from gesturegen.config import Config, load_config
 
@@ -46,10 +47,14 @@ def test_every_make_target_of_the_readme_exists():
         assert re.search(rf"^{target}:", makefile, re.M), target
 
 
-@pytest.mark.parametrize("path", sorted((TOP / "configs").glob("*.yaml")), ids=lambda path: path.name)
+@pytest.mark.parametrize("path", sorted((TOP / "configs").rglob("*.yaml")), ids=lambda path: path.name)
 def test_every_yaml_loads(path):
     if path.name == "keywords.yaml":
         assert load_config(None, [f"keywords.file={path}"]).keywords.words == yaml.safe_load(path.read_text())
+    elif path.name == "ablation.yaml":
+        listed = [Path(name).name for name in yaml.safe_load(path.read_text())["setups"]]
+        assert sorted(listed) == sorted(setup.name for setup in (TOP / "configs/ablation").iterdir())
+        assert [f"{name}.yaml" for name in load_plan(path).setups] == listed
     else:
         assert isinstance(load_config(path), Config)
 

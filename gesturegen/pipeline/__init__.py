@@ -4,25 +4,35 @@ Each returns what the command line shows; errors of single clips are in its `Out
 clips are unharmed. An error that concerns the whole command is raised.
 """
 
+from gesturegen.pipeline.ablate import ablate
 from gesturegen.pipeline.build_graph import build_graphs
 from gesturegen.pipeline.common import Summary
 from gesturegen.pipeline.datasets import demo_data, init
 from gesturegen.pipeline.evaluate import evaluate
+from gesturegen.pipeline.export import export
+from gesturegen.pipeline.inspect import inspect
 from gesturegen.pipeline.preprocess import preprocess, suggest_blacklist
 from gesturegen.pipeline.reenact import reenact
+from gesturegen.pipeline.report import report
 from gesturegen.pipeline.run import run
 from gesturegen.pipeline.submit import check, pack
+from gesturegen.pipeline.video import render_videos
 
 __all__ = [
     "Summary",
+    "ablate",
     "build_graphs",
     "check",
     "demo_data",
     "evaluate",
+    "export",
     "init",
+    "inspect",
     "pack",
     "preprocess",
     "reenact",
+    "render_videos",
+    "report",
     "run",
     "suggest_blacklist",
 ]

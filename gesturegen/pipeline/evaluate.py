@@ -59,7 +59,7 @@ def evaluate(
     rows = dict(sorted(rows.items()))
     generated = {name: done["generated"] for name, done in measured.items()}
     truths = {name: done["truth"] for name, done in measured.items() if done["truth"] is not None}
-    with threadpool_limits(limits=1):
+    with threadpool_limits(limits=1):  # as in the workers, so that the figures depend on no number of threads
         total = evaluation.totals(
             list(rows.values()), [generated[name] for name in truths], list(truths.values()), config
         )
@@ -170,26 +170,29 @@ def _existing(folder: Path) -> Path:
 
 
 def _measure(evidence: _Evidence, config: Config) -> dict:
-    generated = _locate(evidence.motion, config)
-    truth = _locate(evidence.truth, config) if evidence.truth else None
-    if truth is not None and truth.world.shape[1:] != generated.world.shape[1:]:
-        raise DataError(
-            f"{evidence.truth}: {truth.world.shape[1]} joints, the generated motion has {generated.world.shape[1]}"
-        )
+    generated = locate_file(evidence.motion, config)
+    truth = locate_file(evidence.truth, config) if evidence.truth else None
+    if truth is not None:
+        require_same_joints(evidence.truth, truth, generated)
     trace = graph = None
     references: list[str] = []
     if evidence.trace is not None:
         trace = files.read_json(evidence.trace)
         references = [reference["clip"] for reference in trace["references"]]
         graph = motion_graph.load(graph_path(config, trace["graph"]))
-    onset_times = _onset_times(evidence.audio, config)
-    # The last digits of a matrix product depend on its threads, and those on the number of workers.
-    with threadpool_limits(limits=1):
-        row = evaluation.measure_clip(generated, config, onset_times, truth, trace, graph)
+    onset_times = read_onset_times(evidence.audio, config)
+    row = evaluation.measure_clip(generated, config, onset_times, truth, trace, graph)
     return {"row": row, "generated": generated, "truth": truth, "references": references}
 
 
-def _locate(path: Path, config: Config) -> evaluation.Joints:
+def require_same_joints(path: str | Path, truth: evaluation.Joints, generated: evaluation.Joints) -> None:
+    """DataError when a truth, read from `path`, cannot be compared."""
+    if truth.world.shape[1:] != generated.world.shape[1:]:
+        raise DataError(f"{path}: {truth.world.shape[1]} joints, the generated motion has {generated.world.shape[1]}")
+
+
+def locate_file(path: Path, config: Config) -> evaluation.Joints:
+    """The joints of a BVH file, or of an `.npz` file with `positions`."""
     if path.suffix.lower() == ".bvh":
         return evaluation.locate(cleanup.resample(bvh.read(path), config.fps), config)
     stored = files.read_arrays(path)
@@ -198,7 +201,8 @@ def _locate(path: Path, config: Config) -> evaluation.Joints:
     return evaluation.from_positions(stored["positions"].astype(np.float64), config)
 
 
-def _onset_times(path: Path | None, config: Config) -> np.ndarray | None:
+def read_onset_times(path: Path | None, config: Config) -> np.ndarray | None:
+    """The audio onsets, in seconds, of a stored clip or of an audio file."""
     if path is None:
         return None
     if path.suffix == ".npz":

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from functools import lru_cache, partial
 
 from gesturegen import __version__, clips, files, keynodes, render, submission
 from gesturegen.config import Config
 from gesturegen.graph import motion_graph
 from gesturegen.methods import METHODS
+from gesturegen.motion.skeleton import Motion
 from gesturegen.parallel import for_each
 from gesturegen.pipeline.common import (
     Summary,
@@ -76,13 +78,20 @@ def _reenact_clip(test: str, names: tuple[str, ...], config: Config, reuse: bool
     trace = submission.read_trace_if_current(folder, test, inputs) if reuse else None
     if trace is None:
         references, graph = _library(config.model_dump_json(by_alias=True), names, clip_digests, graph_digest)
-        speech = clips.load(clip_path(config, test), config, with_motion=False).test_speech(config)
-        key_nodes = keynodes.of_speech(speech, config.keywords.words)
-        path = METHODS[config.method].search(graph, speech, config, generator(config.seed, test))
-        trace = submission.make_trace(path, graph, graph_name(names), speech, key_nodes, config)
-        motion = render.render(path, references, graph, config) if path.failure is None else None
+        trace, motion = gesture(test, references, graph, config)
         submission.write_clip(folder, test, motion, {**trace, "inputs": inputs})
     return {"row": submission.clip_row(trace), "notes": trace["notes"]}
+
+
+def gesture(
+    test: str, references: Sequence[clips.Reference], graph: motion_graph.MotionGraph, config: Config
+) -> tuple[dict, Motion | None]:
+    """The trace of one test clip and its motion, None where the search got stuck."""
+    speech = clips.load(clip_path(config, test), config, with_motion=False).test_speech(config)
+    key_nodes = keynodes.of_speech(speech, config.keywords.words)
+    path = METHODS[config.method].search(graph, speech, config, generator(config.seed, test))
+    trace = submission.make_trace(path, graph, graph_name(graph.clip_names), speech, key_nodes, config)
+    return trace, render.render(path, references, graph, config) if path.failure is None else None
 
 
 def _describe_row(row: dict) -> str:

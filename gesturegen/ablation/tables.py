@@ -1,0 +1,132 @@
+"""The ablation's table for the terminal, as Markdown, CSV and JSON. Every form ends in what produced it."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+
+from gesturegen.ablation.summary import BLOCKS, FIGURES, PAPER, PAPER_CLIPS, Result, Setup
+from gesturegen.tables import format_figure, json_figures
+
+NOTE = (
+    "mean ± standard deviation over seeds; counts are per seed, over all clips; a setup with failures is measured on "
+    "the clips that have an output. paper: Table 2 as printed, on 70 clips of GENEA 2023; its BC fits neither of ours."
+)
+# Which of Table 2's columns stands beside which of ours, and its heading.
+_BESIDE = {"syn": ("syn", "paper"), "bc_kernel": ("bc", "paper BC ↑"), "div": ("div", "paper"), "failure": ("failure", "paper")}  # fmt: skip
+
+
+def format_terminal(result: Result) -> str:
+    """Aligned tables: Table 2 beside the paper's, what stands behind it, and why rows differ."""
+    parts = []
+    for block in BLOCKS:
+        lines = _cells(result, block)
+        widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
+        rows = [
+            "  ".join([line[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(line[1:], widths[1:], strict=True))])
+            for line in lines
+        ]
+        parts.append("\n".join([f"[{block}]", *rows]))
+    return "\n\n".join([*parts, NOTE, _signature_line(result)])
+
+
+def format_markdown(result: Result) -> str:
+    parts = ["# Ablation (§5.2, Table 2)"]
+    for block in BLOCKS:
+        header, *rows = _cells(result, block)
+        lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
+        parts.append("\n".join([f"## {block}", "", *("| " + " | ".join(line) + " |" for line in lines)]))
+    return "\n\n".join([*parts, NOTE, f"`{_signature_line(result)}`"]) + "\n"
+
+
+def format_csv(result: Result) -> str:
+    """Per setup a row for each seed, `mean`, `spread` and `paper`; each ends in what produced it."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    keys = [figure.key for figure in FIGURES]
+    writer.writerow(["setup", "seed", *keys, "paper_bc", "clips", "config_hash", "seeds", "version"])
+    seeds = " ".join(map(str, result.signature["seeds"]))
+    for name, setup in result.setups.items():
+        source = [result.signature["config_hashes"][name], seeds, result.signature["version"]]
+        runs = {**{str(seed): run for seed, run in setup.by_seed.items()}, "mean": setup.mean, "spread": setup.spread}
+        for label, figures in runs.items():
+            writer.writerow([name, label, *(_exact(figures[key]) for key in keys), "-", result.n_clips, *source])
+        if name in PAPER:
+            printed = PAPER[name]
+            cells = [_exact(printed.get(key, math.nan)) for key in keys]
+            writer.writerow([name, "paper", *cells, _exact(printed["bc"]), PAPER_CLIPS, "-", "-", "-"])
+    return text.getvalue()
+
+
+def json_table(result: Result) -> dict:
+    """Everything, down to the single clips; None where there is no figure."""
+    return {
+        "signature": result.signature,
+        "n_clips": result.n_clips,
+        "setups": {name: _json_setup(name, setup) for name, setup in result.setups.items()},
+        "clips": [_json_row(row) for row in result.clips],
+    }
+
+
+def _json_setup(name: str, setup: Setup) -> dict:
+    return {
+        "mean": json_figures(setup.mean),
+        "spread": json_figures(setup.spread),
+        "seeds": {str(seed): json_figures(run) for seed, run in setup.by_seed.items()},
+        "paper": json_figures(PAPER[name]) | {"n_clips": PAPER_CLIPS} if name in PAPER else None,
+    }
+
+
+def _json_row(row: dict) -> dict:
+    return {key: None if isinstance(value, float) and math.isnan(value) else value for key, value in row.items()}
+
+
+def _exact(value: float) -> str:
+    return "-" if math.isnan(value) else repr(value)
+
+
+def _cells(result: Result, block: str) -> list[list[str]]:
+    """Heading and rows of one block."""
+    figures = [figure for figure in FIGURES if figure.block == block]
+    header = ["setup"]
+    for figure in figures:
+        header += [figure.heading, *([_BESIDE[figure.key][1]] if figure.key in _BESIDE else [])]
+    rows = [header]
+    for name, setup in result.setups.items():
+        row = [name]
+        for figure in figures:
+            of = f" of {result.n_clips}" if figure.key == "failure" else ""
+            row.append(format_spread(setup.mean[figure.key], setup.spread[figure.key]) + of)
+            if figure.key in _BESIDE:
+                row.append(_printed(name, _BESIDE[figure.key][0]))
+        rows.append(row)
+    return rows
+
+
+def _printed(name: str, key: str) -> str:
+    """A figure of the paper's Table 2, as printed there."""
+    value = PAPER.get(name, {}).get(key, math.nan)
+    if math.isnan(value):
+        return "-"
+    return f"{value} of {PAPER_CLIPS}" if key == "failure" else {"bc": f"{value:.6f}"}.get(key, f"{value:.5f}")
+
+
+def format_spread(mean: float, spread: float) -> str:
+    """`mean ± spread`, the spread to two significant digits; one figure alone where there is no spread."""
+    if math.isnan(mean):
+        return "-"
+    if math.isnan(spread):
+        return format_figure(mean)
+    return f"{_brief(mean)} ± {format_figure(float(f'{spread:.2g}'))}"
+
+
+def _brief(value: float) -> str:
+    """Four significant digits; whole figures in full."""
+    return format_figure(value if abs(value) >= 1000 and value.is_integer() else float(f"{value:.4g}"))
+
+
+def _signature_line(result: Result) -> str:
+    hashes = "  ".join(f"{name} {digest}" for name, digest in result.signature["config_hashes"].items())
+    seeds = ", ".join(map(str, result.signature["seeds"]))
+    return f"config hashes: {hashes}  seeds: {seeds}  version: {result.signature['version']}"

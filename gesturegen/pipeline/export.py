@@ -1,0 +1,49 @@
+"""`export`: motions to the formats of other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from gesturegen import export as formats
+from gesturegen import files
+from gesturegen.config import Config
+from gesturegen.extras import need
+from gesturegen.motion import bvh
+from gesturegen.parallel import for_each
+from gesturegen.pipeline.common import Summary, require_writable, work_path
+from gesturegen.pipeline.motions import motion_files
+
+
+def export(
+    config: Config, jobs: int, quiet: bool, paths: Sequence[Path] = (), kinds: Sequence[str] = ("glb",),
+    out: Path | None = None,
+) -> Summary:  # fmt: skip
+    """Write every motion of `paths` (`WORK/reenact` by default) in each of `kinds`: glb, csv, npz.
+
+    Motions keep their own frame rate.
+    """
+    if "glb" in kinds:
+        need("pygltflib", "gltf")
+    motions = motion_files(config, paths)
+    folder = out or work_path(config, "export")
+    require_writable(folder)
+    tasks = {name: partial(_export_clip, name, path, tuple(kinds), folder) for name, path in motions.items()}
+    outcome = for_each(tasks, jobs, "export", quiet)
+    count = len(outcome.done)
+    lines = [f"{count} {'motion' if count == 1 else 'motions'} as {', '.join(kinds)}"]
+    return Summary(outcome, lines=lines, written=[folder])
+
+
+def _export_clip(name: str, path: Path, kinds: tuple[str, ...], folder: Path) -> None:
+    motion = bvh.read(path)
+    for kind in kinds:
+        place = folder / f"{name}.{kind}"
+        if kind == "glb":
+            data = formats.to_glb(motion, name)
+            files.write_bytes(place, lambda file, data=data: file.write(data))
+        elif kind == "csv":
+            files.write_text(place, formats.to_csv(motion))
+        else:
+            files.write_arrays(place, formats.to_arrays(motion))

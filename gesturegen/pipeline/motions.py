@@ -1,0 +1,42 @@
+"""Which motion files a user means: BVH files and folders of them, by clip name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from gesturegen import clips
+from gesturegen.config import Config
+from gesturegen.errors import DataError
+from gesturegen.pipeline.common import work_path
+
+
+def motion_files(config: Config, paths: Sequence[Path]) -> dict[str, Path]:
+    """BVH files by clip name: of files, of folders in any layout that is read, or of `WORK/reenact`."""
+    found: dict[str, Path] = {}
+    for path in paths or [work_path(config, "reenact")]:
+        for name, motion in _of_path(path).items():
+            if name in found and found[name] != motion:
+                raise DataError(f"{motion}: clip {name} is also {found[name]}; give them one after the other")
+            found[name] = motion
+    return found
+
+
+def _of_path(path: Path) -> dict[str, Path]:
+    if path.is_file():
+        if path.suffix.lower() != ".bvh":
+            raise DataError(f"{path}: not a BVH file; give a file that ends in .bvh, or a folder of them")
+        return {path.stem: path}
+    if not path.is_dir():
+        raise DataError(f"{path}: no such file or folder; run `gesturegen reenact` first, or give BVH files")
+    return folder_motions(path)
+
+
+def folder_motions(folder: Path) -> dict[str, Path]:
+    """The BVH files of a folder by clip name; DataError when there is none."""
+    if not folder.is_dir():
+        raise DataError(f"{folder}: no such folder")
+    found = {r.name: r.motion_path for r in clips.list_recordings(folder) if r.motion_path}
+    if not found:
+        raise DataError(f"{folder}: no BVH file in it")
+    return found

@@ -1,0 +1,177 @@
+"""`report`: a run to one HTML file in which every clip can be watched."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from gesturegen import clips, files
+from gesturegen.config import Config
+from gesturegen.errors import DataError, GesturegenError
+from gesturegen.motion import bvh, cleanup
+from gesturegen.parallel import for_each
+from gesturegen.pipeline.common import Summary, clip_path, read_index, require_writable, work_path
+from gesturegen.report import pack, page
+from gesturegen.speech import audio
+
+_OWN_LABELS = ("generated", "truth")
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Another work folder whose motions are shown beside ours, and the clips it has."""
+
+    label: str
+    work: Path
+    names: frozenset[str]
+
+
+def report(
+    config: Config, jobs: int, quiet: bool, compare: Sequence[tuple[str, Path]] = (), out: Path | None = None
+) -> Summary:
+    """Write the report of the reenacted clips.
+
+    compare : labels and work folders of other runs of the same clips; out : the file, by default WORK/report.html
+    """
+    index = read_index(config)
+    manifest = _read_manifest(work_path(config))
+    others = _other_runs(compare)
+    path = work_path(config, "report.html") if out is None else out
+    require_writable(path.parent)
+    shown = [row["clip"] for row in manifest["clips"] if row["error"] is None]
+    tasks = {name: partial(_pack_clip, name, index["tests"].get(name), config, others) for name in shown}
+    outcome = for_each(tasks, jobs, "report", quiet)
+    failed = {row["clip"]: row["error"] for row in manifest["clips"] if row["error"] is not None}
+    failed |= outcome.errors | dict.fromkeys(outcome.bugs, "a bug of gesturegen")
+    packed = {name: done["text"] for name, done in outcome.done.items()}
+    notices, figures = _evaluation(config, manifest)
+    page.write(
+        path,
+        page.Content(
+            manifest=manifest,
+            figures=figures,
+            compared=[run.label for run in others],
+            notices=notices,
+            failed=dict(sorted(failed.items())),
+            ablation=_ablation(config),
+            clips=packed,
+            join_scale=max((done["largest_join"] for done in outcome.done.values()), default=0.0),
+        ),
+        config,
+    )
+    summary = Summary(outcome, written=[path])
+    summary.warnings = [(name, note) for name, done in outcome.done.items() for note in done["notes"]]
+    summary.warnings += [("evaluate", notice) for notice in notices]
+    megabytes = path.stat().st_size / 1e6
+    summary.lines = [f"{len(packed)} clips to watch, {len(failed)} failed ones listed, {megabytes:.1f} MB"]
+    return summary
+
+
+def _read_manifest(work: Path) -> dict:
+    path = work / "reenact" / "manifest.json"
+    if not path.is_file():
+        raise DataError(f"{path.parent}: nothing has been reenacted there; run `gesturegen reenact` first")
+    return files.read_json(path)
+
+
+def _other_runs(compare: Sequence[tuple[str, Path]]) -> list[_Run]:
+    runs: list[_Run] = []
+    for label, work in compare:
+        if label in (*_OWN_LABELS, *(run.label for run in runs)):
+            raise DataError(f"{work}: the label {label!r} is taken; give every compared run one of its own")
+        rows = _read_manifest(work)["clips"]
+        runs.append(_Run(label, work, frozenset(row["clip"] for row in rows if row["error"] is None)))
+    return runs
+
+
+def _evaluation(config: Config, manifest: dict) -> tuple[list[str], dict | None]:
+    """What the reader must know of the figures, and the figures; None where there are none of this run."""
+    path = work_path(config, "evaluate", "summary.json")
+    if not path.is_file():
+        return ["This run has not been evaluated: run `gesturegen evaluate`, then `gesturegen report` again."], None
+    figures = files.read_json(path)
+    ours = [manifest["config_hash"], manifest["seed"]]
+    if [figures["signature"].get(key) for key in ("config_hash", "seed")] != ours:
+        return [
+            "The figures in WORK/evaluate are of another configuration or seed than the clips and are left out: "
+            "run `gesturegen evaluate`, then `gesturegen report` again."
+        ], None
+    return [], figures
+
+
+def _ablation(config: Config) -> page.Ablation | None:
+    """Results of `gesturegen ablate` in the same work folder, where there are any."""
+    plot, table = work_path(config, "ablation", "ablation.png"), work_path(config, "ablation", "ablation.json")
+    if not plot.is_file() and not table.is_file():
+        return None
+    return page.Ablation(
+        plot=plot.read_bytes() if plot.is_file() else None,
+        results=files.read_json(table) if table.is_file() else None,
+    )
+
+
+def _pack_clip(name: str, indexed: dict | None, config: Config, others: Sequence[_Run]) -> dict:
+    """One clip as the text that goes into the page, and notes on what is not there."""
+    if indexed is None:
+        raise DataError(
+            f"clip {name}: reenacted from other clips than are there now; run `gesturegen reenact` again"
+        )  # fmt: skip
+    notes: list[str] = []
+    speech = clips.load(clip_path(config, name), config, with_motion=False).test_speech(config)
+    motions = [_reenacted(name, work_path(config), config, "generated")]
+    if indexed.get("truth"):
+        motions += _optional("true motion", notes, lambda: _true_motion(Path(indexed["truth"]), config))
+    for run in others:
+        if name in run.names:
+            motions.append(_reenacted(name, run.work, config, run.label))
+        else:
+            notes.append(f"{run.label} has no motion of this clip")
+    sound = [None]
+    if indexed.get("audio"):
+        sound = _optional("sound", notes, lambda: pack.pack_audio(*audio.read_samples(indexed["audio"]))) or [None]
+    else:
+        notes.append("no sound: the index of clips names no audio file; run `gesturegen preprocess` again")
+    packed = pack.pack_clip(speech, config.keywords.words, motions, sound[0], notes)
+    distances = [distance for motion in motions if motion["trace"] for _, distance, _ in motion["trace"]["joins"]]
+    return {"text": pack.inert_json(packed), "notes": notes, "largest_join": max(distances, default=0.0)}
+
+
+def _reenacted(name: str, work: Path, config: Config, label: str) -> dict:
+    """The motion of a run, with what its trace says."""
+    folder = work / "reenact"
+    for suffix in (".bvh", ".trace.json"):
+        if not (folder / f"{name}{suffix}").is_file():
+            raise DataError(f"{folder / (name + suffix)}: missing; run `gesturegen reenact` again")
+    motion = cleanup.resample(bvh.read(folder / f"{name}.bvh"), config.fps)
+    trace = files.read_json(folder / f"{name}.trace.json")
+    source_frames = _source_frames(work / "graphs" / f"{trace['graph']}.npz")
+    return pack.pack_motion(motion, config, label, pack.pack_trace(trace, source_frames))
+
+
+def _source_frames(path: Path) -> np.ndarray:
+    """The one array of a graph that a report needs: a graph of all references can be as large as the memory."""
+    if not path.is_file():
+        raise DataError(f"{path}: this graph has not been built; run `gesturegen build-graph` first")
+    try:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as stored:
+            return stored["source_frames"]
+    except Exception as error:
+        # zipfile, zlib and numpy each have their own word for a damaged file.
+        raise DataError(f"{path}: damaged ({error}); delete it and run build-graph again") from None
+
+
+def _true_motion(path: Path, config: Config) -> dict:
+    return pack.pack_motion(cleanup.resample(bvh.read(path), config.fps), config, "truth")
+
+
+def _optional(what: str, notes: list[str], read) -> list[dict]:
+    """What `read` gives, or nothing and a note: a clip can be watched without it."""
+    try:
+        return [read()]
+    except GesturegenError as error:
+        notes.append(f"no {what}: {error}")
+        return []

@@ -1,0 +1,225 @@
+"""The report as one HTML file: text, style, scripts and every clip, and nothing from outside.
+
+Clips lie in script tags of type `application/json`, which a browser neither runs nor decodes; the player
+reads one when it is opened. A content security policy forbids the page every request.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from importlib import resources
+from itertools import islice
+from pathlib import Path
+
+from gesturegen import evaluation, files
+from gesturegen.ablation.summary import FIGURES
+from gesturegen.ablation.tables import format_spread
+from gesturegen.config import Config
+from gesturegen.tables import format_figure
+
+_SCRIPTS = ("figure.js", "timeline.js", "player.js", "controls.js")
+
+
+@dataclass(frozen=True)
+class Ablation:
+    """Results of `gesturegen ablate`: a PNG and the parsed JSON, each None where there is none."""
+
+    plot: bytes | None
+    results: object | None
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a report tells.
+
+    manifest : of the run; figures : of `evaluate`, None where this run has none; compared : labels of other runs
+    notices : sentences for the top; failed : clip -> why it cannot be shown; clips : name -> inert JSON
+    join_scale : the largest distance of a join, so that a colour means the same in every clip
+    """
+
+    manifest: Mapping
+    figures: Mapping | None
+    compared: Sequence[str]
+    notices: Sequence[str]
+    failed: Mapping[str, str]
+    ablation: Ablation | None
+    clips: Mapping[str, str]
+    join_scale: float
+
+
+def write(path: Path, content: Content, config: Config) -> None:
+    """Write the page; the same content gives the same bytes."""
+
+    def fill(file) -> None:
+        for part in parts(content, config):
+            file.write(part.encode())
+
+    files.write_bytes(path, fill)
+
+
+def parts(content: Content, config: Config) -> Iterator[str]:
+    """The page in pieces, to be written one after the other."""
+    style = _asset("report.css")
+    script = '(() => {\n"use strict";\n' + "\n".join(_asset(name) for name in _SCRIPTS) + "})();\n"
+    policy = (
+        f"default-src 'none'; script-src '{_digest(script)}'; style-src '{_digest(style)}'; "
+        "img-src data:; media-src blob:; base-uri 'none'; form-action 'none'"
+    )
+    filled = {
+        "policy": policy,
+        "style": style,
+        "script": script,
+        "signature": _signature(content),
+        "notices": "".join(f'<p class="notice">{_code(notice)}</p>' for notice in content.notices),
+        "failed": _failed(content.failed),
+        "summary": _summary(content, config),
+        "ablation": _ablation(content.ablation),
+        "options": "".join(f'<option value="{k}">{escape(name)}</option>' for k, name in enumerate(content.clips)),
+        "empty": "" if content.clips else '<p class="notice">No clip of this run can be shown.</p>',
+        "join_scale": f"{content.join_scale:.6g}",
+        "hidden": "" if content.clips else " hidden",
+    }
+    # The first clip stands before the script, so that it can be watched while the others are still being read.
+    before, script_part, after = _asset("report.html").split("{{clips}}")
+    tags = (_data_tag(k, text) for k, text in enumerate(content.clips.values()))
+    yield _fill(before, filled)
+    yield from islice(tags, 1)
+    yield _fill(script_part, filled)
+    yield from tags
+    yield _fill(after, filled)
+
+
+def _data_tag(place: int, text: str) -> str:
+    return f'<script type="application/json" id="clip-{place}">{text}</script>\n'
+
+
+def _fill(template: str, filled: Mapping[str, str]) -> str:
+    """The places of a template filled in one pass: what is filled in is never searched for places itself."""
+    return re.sub(r"\{\{(\w+)\}\}", lambda place: filled[place[1]], template)
+
+
+def _asset(name: str) -> str:
+    return resources.files("gesturegen.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def _digest(text: str) -> str:
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
+
+
+def _code(text: str) -> str:
+    """Escaped text with its `commands` set as code."""
+    return re.sub(r"`([^`]*)`", r"<code>\1</code>", escape(text))
+
+
+def _signature(content: Content) -> str:
+    manifest = content.manifest
+    entries = {
+        "method": manifest["method"],
+        "search": manifest["search"],
+        "seed": manifest["seed"],
+        "config": manifest["config_hash"],
+        "gesturegen": manifest["gesturegen"],
+        "clips": f"{len(content.clips)} shown, {len(content.failed)} failed",
+    }
+    if content.compared:
+        entries["beside"] = ", ".join(content.compared)
+    return "".join(f"<div><dt>{escape(key)}</dt><dd>{escape(str(value))}</dd></div>" for key, value in entries.items())
+
+
+def _failed(failed: Mapping[str, str]) -> str:
+    if not failed:
+        return ""
+    items = "".join(f"<li><b>{escape(name)}</b>: {_code(error)}</li>" for name, error in failed.items())
+    return f'<section id="failed"><h2>Failed clips</h2><ul>{items}</ul></section>'
+
+
+def _summary(content: Content, config: Config) -> str:
+    """A row per clip and the total: what the manifest counts, then the figures of `evaluate`."""
+    figures = content.figures or {"clips": {}, "total": {}}
+    columns = [
+        measure
+        for measure in evaluation.measures(config)
+        if any(row.get(measure.key) is not None for row in [*figures["clips"].values(), figures["total"]])
+    ]
+    headings = ["clip", "seconds", "pieces", "hard joins", "retries", "fallbacks", *(m.heading for m in columns)]
+    places = {name: k for k, name in enumerate(content.clips)}
+    fps = content.manifest["config"].get("fps", config.fps)
+    body, rows = [], content.manifest["clips"]
+    for row in rows:
+        name = row["clip"]
+        label = escape(name)
+        if name in places:
+            label = f'<button type="button" class="open" data-clip="{places[name]}">{label}</button>'
+        own = figures["clips"].get(name, {})
+        body.append(_row(label, [*_counts(row, fps), *(format_figure(own.get(m.key)) for m in columns)]))
+    listed = [row for row in rows if row["error"] is None]
+    total = [
+        format_figure(round(sum(row["n_frames"] for row in listed) / fps, 2)),
+        *(str(sum(row[key] for row in listed)) for key in ("pieces", "hard_joins", "retries")),
+        str(sum(sum(row["fallbacks"].values()) for row in listed)),
+        *(format_figure(figures["total"].get(m.key)) for m in columns),
+    ]
+    return _table(headings, body, _row(f"all {len(rows)}", total))
+
+
+def _counts(row: Mapping, fps: float) -> list[str]:
+    if row["error"] is not None:
+        return ["-", "-", "-", "-", "failed"]
+    fallbacks = ", ".join(f"{count} {kind}" for kind, count in row["fallbacks"].items()) or "none"
+    return [
+        f"{row['n_frames'] / fps:.2f}", *(str(row[key]) for key in ("pieces", "hard_joins", "retries")), fallbacks
+    ]  # fmt: skip
+
+
+def _row(label: str, cells: Sequence[str]) -> str:
+    """A row of a table; `label` is HTML, the cells are text."""
+    return f'<tr><th scope="row">{label}</th>' + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>"
+
+
+def _table(headings: Sequence[str], body: Sequence[str], foot: str = "") -> str:
+    head = "".join(f'<th scope="col">{escape(heading)}</th>' for heading in headings)
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody><tfoot>{foot}</tfoot></table>"
+
+
+def _ablation(ablation: Ablation | None) -> str:
+    if ablation is None:
+        return ""
+    html = "<h2>Ablation</h2>"
+    if ablation.plot is not None:
+        data = base64.b64encode(ablation.plot).decode("ascii")
+        html += f'<img alt="Bar plot of the ablation: each setup by each measure" src="data:image/png;base64,{data}">'
+    setups = ablation.results.get("setups") if isinstance(ablation.results, dict) else None
+    if isinstance(setups, dict) and all(isinstance(setup, dict) for setup in setups.values()):
+        scroll = 'class="scroll" tabindex="0" role="region" aria-label="Ablation table"'
+        html += f"<div {scroll}>{_ablation_table(setups)}</div>"
+        signature = ablation.results.get("signature") or {}
+        seeds = ", ".join(map(str, signature.get("seeds", [])))
+        html += (
+            "<p>Mean ± spread over seeds; below each setup, what the paper's Table 2 prints for it. "
+            f"Seeds: {escape(seeds)}; gesturegen {escape(str(signature.get('version', '-')))}.</p>"
+        )
+    elif ablation.results is not None:
+        html += "<p><code>ablation/ablation.json</code> holds no table that this version can show.</p>"
+    return f'<section id="ablation">{html}</section>'
+
+
+def _ablation_table(setups: Mapping[str, Mapping]) -> str:
+    """A row per setup, and one of the paper's figures; its BC fits neither of ours, so it has its own column."""
+    rows = []
+    for name, setup in setups.items():
+        mean, spread = (
+            {key: math.nan if value is None else value for key, value in (setup.get(part) or {}).items()}
+            for part in ("mean", "spread")
+        )
+        cells = [format_spread(mean.get(f.key, math.nan), spread.get(f.key, math.nan)) for f in FIGURES]
+        rows.append(_row(escape(name), [*cells, ""]))
+        if printed := setup.get("paper"):
+            cells = [format_figure(printed[f.key]) if printed.get(f.key) is not None else "" for f in FIGURES]
+            rows.append(_row("in the paper", [*cells, format_figure(printed.get("bc"))]))
+    return _table(["setup", *(figure.heading for figure in FIGURES), "paper's BC"], rows)

@@ -1,0 +1,376 @@
+"""`ablate`: the plan it reads, the figures it forms, the table it writes, and what it refuses."""
+
+import csv
+import hashlib
+import json
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from gesturegen import clips
+from gesturegen.ablation import causes, summary, tables
+from gesturegen.ablation.plan import SHARED, load_plan
+from gesturegen.cli import main
+from gesturegen.config import load_config
+from gesturegen.errors import ConfigError
+from scripts.check_ablation import broken_guarantees, differences
+from tests import tiny
+from tests.builders import bursts, chain, refused, write_audio, write_clip
+
+TOP = Path(__file__).parent.parent
+FAINT = 0.014  # a burst of this size has an onset strength of 4.1; the threshold is 5
+SETUPS = {
+    "weak_detection": "onsets: {min_strength: 0}",
+    "weak_pruning": "continuity:\n  l_pn: 1",
+    "weak_initialization": "initialization: random",
+    "no_termination_fallback": "termination: {fallbacks: false, failure_retries: 20}",
+    "full": "# nothing",
+}
+
+
+def write_plan(folder: Path, setups=SETUPS, files=(), **keys) -> Path:
+    """An ablation file with its setup files beside it; files : what it lists in their place."""
+    folder.mkdir(exist_ok=True)
+    for name, text in setups.items():
+        (folder / f"{name}.yaml").write_text(text + "\n")
+    listed = [f"{name}.yaml" for name in setups] if files == () else files
+    plan = {"seeds": [0, 3], "setups": listed, **keys}
+    path = folder / "ablation.yaml"
+    path.write_text("".join(f"{key}: {json.dumps(value)}\n" for key, value in plan.items() if value is not None))
+    return path
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+def error_of(*arguments) -> str:
+    """The one line that a command refuses with."""
+    result = run(*arguments)
+    lines = [line for line in result.output.splitlines() if line.startswith("Error: ")]
+    assert result.exit_code == 1 and len(lines) == 1 and "Traceback" not in result.output, result.output
+    assert lines[0] == result.output.strip()
+    return lines[0]
+
+
+def tree(folder: Path) -> dict[str, str]:
+    paths = sorted(path for path in folder.rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory) -> Path:
+    """Three references and two tests with true motion; the references know `hello`, one test also says `north`."""
+    folder = tmp_path_factory.mktemp("data")
+    rng = np.random.default_rng(0)
+    for name in ("trn_a", "trn_b", "trn_c"):
+        words = [(0.5, 0.8, "hello"), (2.1, 2.4, "hello")]
+        write_clip(folder / "trn", name, 4.0, (0.4, 0.9, 1.5, 2.2, 3.1), words, tiny.motion(rng, 120, chain(4)))
+    for name, words in (("tst_a", [(1.1, 1.4, "hello")]), ("tst_b", [(0.6, 0.9, "north")])):
+        write_clip(folder / "tst", name, 2.0, (), words, tiny.motion(rng, 60, chain(4)))
+        # The faint burst is an onset to the weak detection alone.
+        sound = bursts((0.5, 1.6), 2.0) + FAINT * bursts((1.3,), 2.0, floor=0.0)
+        write_audio(folder / f"tst/main-agent/wav/{name}.wav", sound)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def prepared(recorded, tmp_path_factory) -> Path:
+    work = tmp_path_factory.mktemp("work")
+    result = run("preprocess", "--data", recorded, "--work", work, "-j", 1)
+    assert result.exit_code == 0, result.output
+    return work
+
+
+@pytest.fixture(scope="module")
+def finished(recorded, prepared, tmp_path_factory):
+    """The ablation of the prepared clips with one worker, and what it printed."""
+    plan = write_plan(tmp_path_factory.mktemp("plan"))
+    result = run("ablate", "--config", plan, "--data", recorded, "--work", prepared, "-j", 1)
+    assert result.exit_code == 0, result.output
+    return plan, result.output, {path.name: path.read_bytes() for path in (prepared / "ablation").iterdir()}
+
+
+@pytest.fixture(scope="module")
+def table(finished) -> dict:
+    return json.loads(finished[2]["ablation.json"])
+
+
+# --- what it writes -----------------------------------------------------------------------------------------
+
+
+def test_it_writes_the_table_in_four_forms_and_nothing_else(finished):
+    assert sorted(finished[2]) == ["ablation.csv", "ablation.json", "ablation.md", "ablation.png"]
+    assert finished[2]["ablation.png"].startswith(b"\x89PNG")
+
+
+def test_every_form_has_every_setup_the_papers_row_and_a_signature(finished, table):
+    plan, printed, written = finished
+    signature = load_plan(plan).signature
+    assert {key: table["signature"][key] for key in signature} == signature
+    for text in (printed, written["ablation.md"].decode(), written["ablation.csv"].decode()):
+        for name in SETUPS:
+            assert name in text and signature["config_hashes"][name] in text
+        for figure in ("0.61393", "0.022278", "0.06639"):
+            assert figure in text
+        assert table["signature"]["version"] in text and "51" in text
+
+
+def test_csv_and_json_agree(finished, table):
+    rows = list(csv.DictReader(finished[2]["ablation.csv"].decode().splitlines()))
+    assert [(row["setup"], row["seed"]) for row in rows] == [
+        (name, label) for name in SETUPS for label in ("0", "3", "mean", "spread", "paper")
+    ]
+    for row in rows:
+        setup = table["setups"][row["setup"]]
+        figures = setup["seeds"].get(row["seed"]) or setup[row["seed"]]
+        for figure in summary.FIGURES:
+            value = figures.get(figure.key)
+            assert row[figure.key] == "-" if value is None else float(row[figure.key]) == value
+
+
+def test_one_row_per_setup_seed_and_clip(table):
+    found = [(row["setup"], row["seed"], row["clip"]) for row in table["clips"]]
+    assert found == [(name, seed, clip) for name in SETUPS for seed in (0, 3) for clip in ("tst_a", "tst_b")]
+
+
+def test_mean_and_spread_are_those_of_the_runs(table):
+    for setup in table["setups"].values():
+        for key in ("syn", "div", "retries"):
+            values = [run[key] for run in setup["seeds"].values()]
+            assert setup["mean"][key] == pytest.approx(np.mean(values))
+            assert setup["spread"][key] == pytest.approx(abs(values[0] - values[1]) / math.sqrt(2))
+
+
+def test_failures_are_counted_and_not_measured(table):
+    failed = {(row["setup"], row["clip"]) for row in table["clips"] if row["failure"]}
+    assert failed == {("no_termination_fallback", "tst_b")}
+    stuck = next(row for row in table["clips"] if row["failure"])
+    assert stuck["lacking_keywords"] == ["north"] and stuck["stuck_at"]["keyword"] == "north"
+    assert stuck["syn"] is None and stuck["retries"] is None
+    setup = table["setups"]["no_termination_fallback"]
+    assert setup["mean"]["failure"] == 1 and setup["spread"]["failure"] == 0
+    other = next(r for r in table["clips"] if (r["setup"], r["clip"]) == ("no_termination_fallback", "tst_a"))
+    assert setup["seeds"]["0"]["syn"] == other["syn"]
+
+
+def test_the_setups_share_their_references(table):
+    for seed in (0, 3):
+        for clip in ("tst_a", "tst_b"):
+            used = {tuple(r["references"]) for r in table["clips"] if (r["seed"], r["clip"]) == (seed, clip)}
+            assert len(used) == 1
+
+
+def test_the_mechanism_holds(table):
+    assert list(broken_guarantees(table)) == []
+
+
+def test_bytes_do_not_depend_on_the_number_of_workers(finished, recorded, prepared):
+    result = run("ablate", "--config", finished[0], "--data", recorded, "--work", prepared, "-j", 2)
+    assert result.exit_code == 0, result.output
+    assert {path.name: path.read_bytes() for path in (prepared / "ablation").iterdir()} == finished[2]
+    assert result.output == finished[1]
+
+
+def test_keep_leaves_what_reenact_writes_and_the_figures_are_those_of_evaluate(table, recorded, prepared, tmp_path):
+    plan = write_plan(tmp_path / "plan", {"full": ""}, seeds=[3])
+    options = ("--data", recorded, "--work", prepared, "-j", 1)
+    assert run("ablate", "--config", plan, *options, "--keep").exit_code == 0
+    kept = tree(prepared / "ablation/full")
+    for command in ("build-graph", "reenact", "evaluate"):
+        assert run(command, *options, "--set", "seed=3").exit_code == 0
+    made = tree(prepared / "reenact")
+    for clip in ("tst_a", "tst_b"):
+        assert kept[f"3/{clip}.bvh"] == made[f"{clip}.bvh"] and f"3/{clip}.trace.json" in kept
+    assert any(name.startswith("graphs/") for name in kept)
+    total = json.loads((prepared / "evaluate/summary.json").read_text())["total"]
+    for key in ("syn", "bc_distance", "bc_kernel", "div", "held_share", "repeated_share", "utilisation"):
+        assert table["setups"]["full"]["seeds"]["3"][key] == pytest.approx(total[key], rel=1e-4), key
+
+
+def test_without_matplotlib_the_rest_is_written(recorded, prepared, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    plan = write_plan(tmp_path / "plan", {"full": ""}, seeds=[0])
+    result = run("ablate", "--config", plan, "--data", recorded, "--work", prepared, "-j", 1)
+    assert result.exit_code == 0
+    line = next(line for line in result.output.splitlines() if "ablation.png" in line)
+    assert "matplotlib" in line and "pip install" in line
+    assert sorted(path.name for path in (prepared / "ablation").iterdir() if path.is_file()) == [
+        "ablation.csv", "ablation.json", "ablation.md",
+    ]  # fmt: skip
+
+
+def test_without_truth_syn_is_empty(recorded, prepared, tmp_path):
+    work = tmp_path / "work"
+    silent = tmp_path / "tests"
+    for path in (recorded / "tst/main-agent/wav").iterdir():
+        silent.mkdir(exist_ok=True)
+        (silent / path.name).write_bytes(path.read_bytes())
+    options = ("--data", recorded, "--tests", silent, "--work", work, "-j", 1)
+    assert run("preprocess", *options).exit_code == 0
+    plan = write_plan(tmp_path / "plan", {"full": ""}, seeds=[0])
+    result = run("ablate", "--config", plan, *options)
+    assert result.exit_code == 0, result.output
+    assert json.loads((work / "ablation/ablation.json").read_text())["setups"]["full"]["mean"]["syn"] is None
+
+
+# --- the figures, by hand -----------------------------------------------------------------------------------
+
+
+def hand_row(**figures) -> dict:
+    return {"failure": 0, "graph": "a", "references": ["a"], "unnatural_edges": 5, **figures}
+
+
+def test_a_runs_figures_by_hand():
+    rows = [
+        hand_row(syn=1.0, pieces=10, retries=3),
+        hand_row(syn=2.0, pieces=20, retries=4),
+        hand_row(syn=math.nan, pieces=math.nan, failure=1, graph="b", references=["b"], unnatural_edges=7),
+    ]
+    figures = summary.run_figures(rows, {"a": 10.0, "b": 20.0, "c": 30.0}, 120.0)
+    assert figures["syn"] == 1.5 and figures["pieces"] == 30 and figures["retries"] == 7 and figures["failure"] == 1
+    assert figures["unnatural_edges"] == 12, "each graph counts once"
+    assert figures["utilisation"] == 0.25
+    assert math.isnan(figures["div"])
+
+
+def test_mean_and_spread_by_hand():
+    by_seed = {
+        seed: {f.key: math.nan for f in summary.FIGURES} | {"syn": value, "failure": seed}
+        for seed, value in ((0, 1.0), (1, 2.0), (2, 6.0))
+    }
+    by_seed[1]["div"] = 0.5
+    setup = summary.over_seeds(by_seed)
+    assert setup.mean["syn"] == 3.0 and setup.spread["syn"] == pytest.approx(math.sqrt(7.0))
+    assert setup.mean["failure"] == 1 and setup.spread["failure"] == 1
+    assert setup.mean["div"] == 0.5 and math.isnan(setup.spread["div"])
+    assert math.isnan(setup.mean["bc_kernel"])
+
+
+@pytest.mark.parametrize(
+    ("mean", "spread", "text"),
+    [
+        (math.nan, math.nan, "-"),
+        (0.123456, math.nan, "0.12346"),
+        (0.123456, 0.00456, "0.1235 ± 0.0046"),
+        (12345.0, 0.0, "12345 ± 0"),
+        (2.0, 1.0, "2 ± 1"),
+    ],
+)
+def test_how_a_figure_is_printed(mean, spread, text):
+    assert tables.format_spread(mean, spread) == text
+
+
+def test_what_is_near_a_seam():
+    found = np.flatnonzero(causes.near(np.array([3, 30]), 40))
+    assert found.tolist() == [*range(11), *range(22, 38)]
+
+
+def test_the_checker_sees_every_difference():
+    table = {"a": {"n": 1, "x": 0.5}, "rows": [{"n": 2}], "version": "1"}
+    assert list(differences(table, {**table, "version": "2"})) == []
+    other = {"a": {"n": 2, "x": 0.5 * (1 + 1e-7), "new": 0}, "rows": [{"n": 3}], "version": "1"}
+    assert [line.split(":")[0] for line in differences(table, other)] == ["a.n", "a.new", "rows[0].n"]
+    assert list(differences({"x": 0.5}, {"x": 0.50001}))
+
+
+# --- the plan -----------------------------------------------------------------------------------------------
+
+
+def test_the_papers_setups_change_what_the_paper_says():
+    plan = load_plan(TOP / "configs/ablation.yaml")
+    assert plan.seeds == (0, 1, 2) and set(plan.setups) == set(summary.PAPER)
+    full = plan.setups["full"]
+    assert full.signature() == plan.base.signature() == load_config().signature()
+    changed = {
+        "weak_detection": full.onsets.model_copy(update={"min_strength": 0.0}),
+        "weak_pruning": full.continuity.model_copy(update={"l_pn": 1}),
+        "weak_initialization": "random",
+        "no_termination_fallback": full.termination.model_copy(update={"fallbacks": False}),
+    }
+    places = dict(zip(changed, ("onsets", "continuity", "initialization", "termination"), strict=True))
+    for name, value in changed.items():
+        assert plan.setups[name] == full.model_copy(update={places[name]: value})
+    assert load_plan().signature == plan.signature, "without --config it is the paper's"
+
+
+def test_base_set_and_setup_are_layered_in_this_order(tmp_path):
+    (tmp_path / "mine.yaml").write_text("continuity: {l_pn: 3, l_cn: 4}\nseed: 9\n")
+    path = write_plan(tmp_path, {"one": "continuity: {l_pn: 1}", "two": ""}, base="mine.yaml")
+    plan = load_plan(path, ["continuity.l_pn=5", "beam.l_npaths=7"])
+    one, two = plan.setups["one"], plan.setups["two"]
+    assert (one.continuity.l_pn, one.continuity.l_cn, one.beam.l_npaths) == (1, 4, 7)
+    assert two.continuity.l_pn == 5
+
+
+def test_a_setup_may_bring_its_own_keywords(tmp_path):
+    (tmp_path / "few.yaml").write_text("hello: hello\n")
+    path = write_plan(tmp_path, {"few_words": "keywords: {file: few.yaml}", "full": ""})
+    plan = load_plan(path)
+    assert plan.setups["few_words"].keywords.words == {"hello": "hello"}
+    assert plan.setups["full"].keywords.words == plan.base.keywords.words
+
+
+def test_all_that_stored_clips_depend_on_is_shared():
+    assert set(clips._SETTINGS) <= set(SHARED)
+
+
+BAD_PLANS = {
+    "typo in a setup": ({"setups": {"weak": "continuity:\n  l_np: 1"}}, r"weak\.yaml:2: unknown key .*'l_pn'"),
+    "wrong type in a setup": (
+        {"setups": {"weak": "continuity: {l_pn: many}"}},
+        r"weak\.yaml:1: continuity\.l_pn: found",
+    ),
+    "a setup on other data": ({"setups": {"weak": "blacklist: [a]"}}, r"weak\.yaml:1: blacklist: all setups must"),
+    "a setup with other clips": ({"setups": {"weak": "onsets: {hop_length: 9}"}}, "onsets.hop_length: all setups must"),
+    "a key that stands twice": ({"setups": {"weak": "resample: nearest\nresample: nearest"}}, r":2: .* stands twice"),
+    "no such setup file": ({"files": ["nowhere.yaml"]}, r"ablation\.yaml:2: setups: .*nowhere\.yaml does not exist"),
+    "two of one name": ({"files": ["full.yaml", "./full.yaml"]}, "two setups are called full"),
+    "unknown key": ({"seed": [1]}, r"ablation\.yaml:3: unknown key 'seed'; did you mean 'seeds'"),
+    "no setups": ({"files": []}, "setups: give at least one"),
+    "setups missing": ({"files": None}, "setups: missing"),
+    "wrong seeds": ({"seeds": ["a"]}, r"ablation\.yaml:1: seeds\.0: found \"a\""),
+    "a seed twice": ({"seeds": [1, 1]}, "seeds: give at least one, and each once"),
+    "no such base": ({"base": "mine.yaml"}, r"ablation\.yaml:3: base: .*mine\.yaml does not exist"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_PLANS)
+def test_a_bad_plan_is_one_line(case, tmp_path):
+    keys, words = BAD_PLANS[case]
+    path = write_plan(tmp_path, **{"setups": {"full": ""}, **keys})
+    with refused(ConfigError, words):
+        load_plan(path)
+    assert error_of("ablate", "--config", path, "--work", tmp_path / "w")
+
+
+def test_a_seed_is_no_setting(tmp_path):
+    with refused(ConfigError, "--set seed=3: an ablation has its own seeds"):
+        load_plan(write_plan(tmp_path), ["seed=3"])
+
+
+def test_what_must_run_first(recorded, tmp_path):
+    line = error_of("ablate", "--data", recorded, "--work", tmp_path / "w")
+    assert "run `gesturegen preprocess` first" in line
+    assert "nowhere.yaml" in error_of("ablate", "--config", tmp_path / "nowhere.yaml")
+
+
+def test_other_data_than_was_preprocessed(recorded, prepared):
+    line = error_of("ablate", "--data", recorded, "--work", prepared, "--set", "data.test_split=val")
+    assert "data.test_split" in line and "preprocess" in line
+
+
+def test_a_clip_that_fails_stops_the_table(recorded, prepared, tmp_path):
+    import shutil
+
+    work = Path(shutil.copytree(prepared, tmp_path / "work"))
+    (work / "clips/tst_a.npz").write_bytes(b"torn")
+    shutil.rmtree(work / "ablation", ignore_errors=True)
+    plan = write_plan(tmp_path / "plan", {"full": ""}, seeds=[0])
+    result = run("ablate", "--config", plan, "--data", recorded, "--work", work, "-j", 1)
+    assert result.exit_code == 1 and "error: tst_a, seed 0, full: " in result.output and "no table" in result.output
+    assert not list((work / "ablation").iterdir())
