@@ -27,10 +27,12 @@ demo: install  ## all four commands on a synthetic dataset, in demo/
 	$(GESTUREGEN) build-graph --config configs/demo.yaml $(FLAGS)
 	$(GESTUREGEN) reenact --config configs/demo.yaml $(FLAGS)
 	$(GESTUREGEN) evaluate --config configs/demo.yaml $(FLAGS)
+	$(GESTUREGEN) report --config configs/demo.yaml $(FLAGS)
 	@echo
 	@echo 'BVH files:    demo/work/reenact/*.bvh'
 	@echo 'traces:       demo/work/reenact/*.trace.json'
 	@echo 'metric table: demo/work/evaluate/metrics.csv'
+	@echo 'to watch:     demo/work/report.html'
 
 ablation: install  ## the paper's Table 2 on a synthetic dataset, in ablation/
 	rm -rf ablation
@@ -50,10 +52,16 @@ test-slow: install  ## the tests that take longer
 challenge: install  ## the full challenge: make challenge DATA=genea WORK=out
 	@test -n '$(DATA)' -a -n '$(WORK)' || { echo 'give the folders: make challenge DATA=genea WORK=out'; exit 2; }
 	$(GESTUREGEN) run --config configs/casia_go_2023.yaml --data '$(DATA)' --work '$(WORK)' $(FLAGS)
+	$(GESTUREGEN) ablate --data '$(DATA)' --work '$(WORK)' $(FLAGS)
+	$(GESTUREGEN) report --config configs/casia_go_2023.yaml --data '$(DATA)' --work '$(WORK)' $(FLAGS)
 
-challenge-demo: install  ## the same on a synthetic dataset of the challenge's size (3 GB in challenge/)
-	test -d challenge/data || $(GESTUREGEN) demo-data challenge/data --references 70 --tests 70 --challenge $(FLAGS)
-	$(GESTUREGEN) run --config configs/demo.yaml --data challenge/data --work challenge/work $(FLAGS)
+CHALLENGE = --data challenge/data --work challenge/work --set data.truth_split=truth $(FLAGS)
+
+challenge-demo: install  ## the same on a synthetic dataset of the challenge's size (4 GB in challenge/)
+	test -f challenge/data/tst/metadata.csv || $(GESTUREGEN) demo-data challenge/data --references 70 --tests 70 --challenge $(FLAGS)
+	$(GESTUREGEN) run $(CHALLENGE)
+	$(GESTUREGEN) ablate $(CHALLENGE)
+	$(GESTUREGEN) report $(CHALLENGE)
 
 lint: install  ## style and unused names
 	$(BIN)/ruff check .

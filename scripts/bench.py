@@ -20,7 +20,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from gesturegen import clips, demo, render
+from gesturegen import clips, demo, recordings, render
 from gesturegen.config import Config, load_config
 from gesturegen.graph import continuity, motion_graph
 from gesturegen.methods import METHODS
@@ -49,12 +49,12 @@ def settings(folder: Path) -> Config:
 
 def reference(folder: Path) -> clips.Reference:
     config = settings(folder)
-    return clips.prepare(clips.reference_recordings(config)[0], config, with_motion=True).reference(config)
+    return clips.prepare(recordings.reference_recordings(config)[0], config, with_motion=True).reference(config)
 
 
 def speech(folder: Path) -> clips.Speech:
     config = settings(folder)
-    return clips.prepare(clips.test_recordings(config)[0], config, with_motion=False).test_speech(config)
+    return clips.prepare(recordings.test_recordings(config)[0], config, with_motion=False).test_speech(config)
 
 
 def naive_search(graph, test, config, rng):

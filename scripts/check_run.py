@@ -14,7 +14,7 @@ from pathlib import Path
 
 import soundfile
 
-from gesturegen import clips, files, submission
+from gesturegen import files, recordings, submission
 from gesturegen.errors import GesturegenError
 from gesturegen.motion import bvh
 
@@ -22,8 +22,10 @@ from gesturegen.motion import bvh
 def problems(work: Path, tests: Path, references: Path) -> list[str]:
     found = []
     manifest = json.loads((work / "reenact" / "manifest.json").read_text())
-    speeches = {r.name: r.audio_path for r in clips.list_recordings(tests) if r.audio_path}
-    skeletons = {r.name: bvh.read(r.motion_path).skeleton for r in clips.list_recordings(references) if r.motion_path}
+    speeches = {r.name: r.audio_path for r in recordings.list_recordings(tests) if r.audio_path}
+    skeletons = {
+        r.name: bvh.read(r.motion_path).skeleton for r in recordings.list_recordings(references) if r.motion_path
+    }
     rows = {row["clip"]: row for row in manifest["clips"]}
     found += [f"{name}: not in the manifest" for name in sorted(speeches.keys() - rows.keys())]
     for name, row in rows.items():

@@ -13,6 +13,7 @@ ROOMS = [
     {"config"},
     {"motion"},
     {"speech"},
+    {"recordings"},
     {"clips"},
     {"keynodes"},
     {"graph"},

@@ -3,7 +3,7 @@ import re
 import numpy as np
 import pytest
 
-from gesturegen import clips, files
+from gesturegen import clips, files, recordings
 from gesturegen.clips import Recording, Speech
 from gesturegen.config import load_config
 from gesturegen.errors import ConfigError, DataError
@@ -46,7 +46,7 @@ def test_genea_layout(tmp_path):
     write_clip(tmp_path / "trn", "trn_2_main-agent", words=None, with_motion=False)
     (tmp_path / "trn" / "interloctr" / "wav").mkdir(parents=True)
     (tmp_path / "trn" / "interloctr" / "wav" / "trn_0_interloctr.wav").write_bytes(b"x")
-    found = clips.list_recordings(tmp_path / "trn")
+    found = recordings.list_recordings(tmp_path / "trn")
     agent = tmp_path / "trn" / "main-agent"
     assert found[0] == Recording(
         "trn_0_main-agent",
@@ -60,7 +60,7 @@ def test_genea_layout(tmp_path):
 
 def test_files_side_by_side_with_any_case(tmp_path):
     files_side_by_side(tmp_path, "b.BVH", "b.WAV", "a.bvh", "a.flac", "a.TSV", "c.Ogg", ".hidden.wav", "notes.txt")
-    found = clips.list_recordings(tmp_path)
+    found = recordings.list_recordings(tmp_path)
     assert found == [
         Recording("a", tmp_path / "a.bvh", tmp_path / "a.flac", tmp_path / "a.TSV"),
         Recording("b", tmp_path / "b.BVH", tmp_path / "b.WAV", None),
@@ -71,7 +71,7 @@ def test_files_side_by_side_with_any_case(tmp_path):
 def test_bvh_and_wav_folders_without_main_agent(tmp_path):
     files_side_by_side(tmp_path / "bvh", "a.bvh")
     files_side_by_side(tmp_path / "wav", "a.wav")
-    assert clips.list_recordings(tmp_path) == [
+    assert recordings.list_recordings(tmp_path) == [
         Recording("a", tmp_path / "bvh" / "a.bvh", tmp_path / "wav" / "a.wav", None)
     ]
 
@@ -79,7 +79,7 @@ def test_bvh_and_wav_folders_without_main_agent(tmp_path):
 def test_two_audio_files_of_one_clip_are_refused(tmp_path):
     files_side_by_side(tmp_path, "a.flac", "a.wav")
     files_side_by_side(tmp_path, "b.wav")
-    first, other = clips.list_recordings(tmp_path)
+    first, other = recordings.list_recordings(tmp_path)
     assert other.problem is None
     with refused(DataError, r"clip a has a second file a\.flac; keep one", tmp_path / "a.wav"):
         clips.prepare(first, settings_for(tmp_path), with_motion=False)
@@ -93,28 +93,28 @@ def test_speakers_come_from_metadata_whatever_it_says_of_fingers(tmp_path, finge
         "prefix,main-agent_id,main-agent_has_fingers,interloctr_id,interloctr_has_fingers\n"
         f"trn_0,17,{fingers},3,{fingers}\nx, 4,{fingers},3,{fingers}\n",
     )
-    found = {recording.name: recording.speaker for recording in clips.list_recordings(tmp_path)}
+    found = {recording.name: recording.speaker for recording in recordings.list_recordings(tmp_path)}
     assert found == {"trn_0_main-agent": "17", "trn_1_main-agent": None, "x": "4"}
 
 
 def test_metadata_with_a_byte_order_mark_and_crlf(tmp_path):
     files_side_by_side(tmp_path, "a.wav")
     (tmp_path / "metadata.csv").write_bytes(b"\xef\xbb\xbfprefix,main-agent_id\r\na,5\r\n\r\nb\r\n")
-    assert clips.list_recordings(tmp_path)[0].speaker == "5"
+    assert recordings.list_recordings(tmp_path)[0].speaker == "5"
 
 
 def test_metadata_without_its_columns_is_refused(tmp_path):
     files_side_by_side(tmp_path, "a.wav")
     metadata(tmp_path, "name,speaker\na,5\n")
     with refused(DataError, literally(tmp_path / "metadata.csv", 1) + "expected .*prefix, main-agent_id, found name"):
-        clips.list_recordings(tmp_path)
+        recordings.list_recordings(tmp_path)
 
 
 def test_an_empty_metadata_file_is_refused(tmp_path):
     files_side_by_side(tmp_path, "a.wav")
     metadata(tmp_path, "")
     with refused(DataError, "expected the columns", tmp_path / "metadata.csv"):
-        clips.list_recordings(tmp_path)
+        recordings.list_recordings(tmp_path)
 
 
 # --- what may be a reference, what is a test ----------------------------------------------------------------
@@ -142,38 +142,41 @@ def three(tmp_path):
 def test_blacklist_names_and_globs(three, blacklist, left):
     config = settings_for(three, f"blacklist={blacklist}")
     listed = [f"trn_{n}_main-agent" for n in range(3) if n not in left]
-    assert names(clips.reference_recordings(config)) == [f"trn_{n}_main-agent" for n in left]
-    assert names(clips.blacklisted_recordings(config)) == listed
+    assert names(recordings.reference_recordings(config)) == [f"trn_{n}_main-agent" for n in left]
+    assert names(recordings.blacklisted_recordings(config)) == listed
 
 
 def test_no_reference_left_is_refused(three):
     with refused(DataError, "no reference is left of 3 after the blacklist; shorten `blacklist`", three / "trn"):
-        clips.reference_recordings(settings_for(three, "blacklist=['*']"))
+        recordings.reference_recordings(settings_for(three, "blacklist=['*']"))
 
 
 def test_sound_without_motion_is_no_reference(tmp_path):
     files_side_by_side(tmp_path / "trn", "a.wav", "b.bvh", "b.wav")
-    assert names(clips.reference_recordings(settings_for(tmp_path))) == ["b"]
+    assert names(recordings.reference_recordings(settings_for(tmp_path))) == ["b"]
 
 
 def test_a_test_clip_needs_no_motion_but_motion_alone_is_none(tmp_path):
     files_side_by_side(tmp_path / "tst", "a.wav", "b.tsv", "c.bvh")
-    assert names(clips.test_recordings(settings_for(tmp_path))) == ["a", "b"]
+    assert names(recordings.test_recordings(settings_for(tmp_path))) == ["a", "b"]
 
 
 @pytest.mark.parametrize("split", ("trn", "tst"))
 def test_an_empty_folder_is_refused(tmp_path, split):
     (tmp_path / split).mkdir()
-    find, what = {"trn": (clips.reference_recordings, "no BVH file"), "tst": (clips.test_recordings, "no audio file")}[
-        split
-    ]
+    find, what = {
+        "trn": (recordings.reference_recordings, "no BVH file"),
+        "tst": (recordings.test_recordings, "no audio file"),
+    }[split]
     with refused(DataError, what + " in it; expected GENEA's main-agent/", tmp_path / split):
         find(settings_for(tmp_path))
 
 
 @pytest.mark.parametrize("split", ("trn", "tst"))
 def test_a_missing_folder_is_refused_with_the_key(tmp_path, split):
-    find, what = {"trn": (clips.reference_recordings, "reference"), "tst": (clips.test_recordings, "test")}[split]
+    find, what = {"trn": (recordings.reference_recordings, "reference"), "tst": (recordings.test_recordings, "test")}[
+        split
+    ]
     with refused(
         DataError, f"no such folder of {what} clips; check paths.data and data.{what}_split", tmp_path / split
     ):
@@ -186,8 +189,8 @@ def test_any_other_folders(tmp_path):
     files_side_by_side(tmp_path / "r", "a.bvh", "a.wav")
     files_side_by_side(tmp_path / "t", "b.ogg")
     config = settings_for(tmp_path, f"data.references={tmp_path / 'r'}", f"data.tests={tmp_path / 't'}")
-    assert names(clips.reference_recordings(config)) == ["a"]
-    assert names(clips.test_recordings(config)) == ["b"]
+    assert names(recordings.reference_recordings(config)) == ["a"]
+    assert names(recordings.test_recordings(config)) == ["b"]
 
 
 # --- from recording to clip ---------------------------------------------------------------------------------
@@ -200,7 +203,7 @@ def prepare(tmp_path):
     def prepare(*overrides, with_motion=True, **options):
         write_clip(tmp_path / "trn", "a_main-agent", with_motion=with_motion, **options)
         config = settings_for(tmp_path, *overrides)
-        (recording,) = clips.list_recordings(tmp_path / "trn")
+        (recording,) = recordings.list_recordings(tmp_path / "trn")
         return clips.prepare(recording, config, with_motion), config
 
     return prepare
@@ -245,7 +248,7 @@ def test_a_reference_of_one_frame_works(prepare):
 def test_a_missing_wav_is_refused_with_the_clips_name(tmp_path):
     write_clip(tmp_path / "trn", "a_main-agent")
     (tmp_path / "trn" / "main-agent" / "wav" / "a_main-agent.wav").unlink()
-    (recording,) = clips.reference_recordings(settings_for(tmp_path))
+    (recording,) = recordings.reference_recordings(settings_for(tmp_path))
     with refused(DataError, r"clip a_main-agent: no audio file beside it; add a_main-agent\.wav"):
         clips.prepare(recording, settings_for(tmp_path), True)
 
@@ -270,7 +273,7 @@ def test_words_without_onsets_are_noted_with_the_key(prepare):
 def test_silence_with_words_is_noted_and_works(prepare, tmp_path):
     write_clip(tmp_path / "trn", "a_main-agent")
     write_audio(tmp_path / "trn" / "main-agent" / "wav" / "a_main-agent.wav", np.zeros(32000))
-    (recording,) = clips.list_recordings(tmp_path / "trn")
+    (recording,) = recordings.list_recordings(tmp_path / "trn")
     clip = clips.prepare(recording, settings_for(tmp_path), True)
     assert len(clip.onset_peaks.times) == 0
     assert "the strongest peak is 0.0" in clip.all_notes(settings_for(tmp_path))[0]
@@ -388,7 +391,7 @@ def test_a_broken_motion_is_refused_by_name(tmp_path):
     write_clip(tmp_path / "trn", "a")
     path = tmp_path / "trn" / "main-agent" / "bvh" / "a.bvh"
     path.write_text(path.read_text()[:-30])
-    (recording,) = clips.list_recordings(tmp_path / "trn")
+    (recording,) = recordings.list_recordings(tmp_path / "trn")
     with refused(DataError, "the file is cut off", path):
         clips.prepare(recording, settings_for(tmp_path), True)
 
@@ -446,7 +449,7 @@ def test_a_stored_clip_comes_back(tmp_path):
     write_clip(tmp_path / "trn", "a", words=[(0.5, 0.8, "größer"), (1.2, 1.5, "one two"), (3, 4, "late")])
     config = settings_for(tmp_path, "exclude=[{clip: a, from: 0.5, to: 1.0}]")
     metadata(tmp_path / "trn", "prefix,main-agent_id\na,17\n")
-    (recording,) = clips.list_recordings(tmp_path / "trn")
+    (recording,) = recordings.list_recordings(tmp_path / "trn")
     clip = clips.prepare(recording, config, True)
     clips.save(tmp_path / "a.npz", clip, config)
     found = clips.load(tmp_path / "a.npz", config)
@@ -591,7 +594,7 @@ NOBODY = dict.fromkeys(TESTS)
 
 
 def choose(tmp_path, *overrides, tests=TESTS, references=REFERENCES, speakers=NOBODY):
-    return clips.choose_references(tests, references, speakers, settings_for(tmp_path, *overrides))
+    return recordings.choose_references(tests, references, speakers, settings_for(tmp_path, *overrides))
 
 
 def test_one_reference_each_without_repeats_until_the_clips_run_out(tmp_path):
@@ -703,7 +706,7 @@ def test_a_missing_pin_file_names_the_key(tmp_path):
 
 def test_the_real_sample(tmp_path):
     config = load_config(None, (f"paths.data={data_folder() / 'genea_style_sample'}",))
-    (recording,) = clips.reference_recordings(config)
+    (recording,) = recordings.reference_recordings(config)
     assert (recording.name, recording.speaker) == ("trn_2023_v0_000_main-agent", "2")
     clip = clips.prepare(recording, config, True)
     assert clip.notes == ()
@@ -720,6 +723,8 @@ def test_the_real_sample(tmp_path):
         rotation.to_matrix(raw.rotations[:, others]),
         atol=1e-9,
     )
-    tests = clips.test_recordings(config)
+    tests = recordings.test_recordings(config)
     assert len(tests) == 3
-    assert clips.choose_references(names(tests), {clip.name: clip.speaker}, {}, config)[tests[0].name] == (clip.name,)
+    assert recordings.choose_references(names(tests), {clip.name: clip.speaker}, {}, config)[tests[0].name] == (
+        clip.name,
+    )

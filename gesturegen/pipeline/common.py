@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from gesturegen import clips, files
+from gesturegen import clips, files, recordings
 from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.parallel import Outcome
@@ -70,7 +70,7 @@ def chosen_references(config: Config, index: dict) -> dict[str, tuple[str, ...]]
         raise DataError("no test clip could be preprocessed; mend the errors that `gesturegen preprocess` lists")
     references = {name: row["speaker"] for name, row in index["references"].items()}
     speakers = {name: row["speaker"] for name, row in index["tests"].items()}
-    return clips.choose_references(sorted(speakers), references, speakers, config)
+    return recordings.choose_references(sorted(speakers), references, speakers, config)
 
 
 def load_references(config: Config, names: Sequence[str]) -> list[clips.Reference]:

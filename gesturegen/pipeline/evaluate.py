@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gesturegen import __version__, clips, evaluation, files, tables
+from gesturegen import __version__, clips, evaluation, files, recordings, tables
 from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.graph import motion_graph
@@ -146,7 +146,7 @@ def _foreign_evidence(bvh_folder: Path, audio_folder: Path | None, truth_folder:
     motions = _motions(bvh_folder)
     sounds = {}
     if audio_folder is not None:
-        sounds = {r.name: r.audio_path for r in clips.list_recordings(_existing(audio_folder)) if r.audio_path}
+        sounds = {r.name: r.audio_path for r in recordings.list_recordings(_existing(audio_folder)) if r.audio_path}
     truths = _motions(truth_folder) if truth_folder is not None else {}
     for folder, found in ((audio_folder, sounds), (truth_folder, truths)):
         if folder is not None and not motions.keys() & found.keys():
@@ -156,7 +156,7 @@ def _foreign_evidence(bvh_folder: Path, audio_folder: Path | None, truth_folder:
 
 def _motions(folder: Path) -> dict[str, Path]:
     """BVH files, or `.npz` files with `positions`, by clip name."""
-    found = {r.name: r.motion_path for r in clips.list_recordings(_existing(folder)) if r.motion_path}
+    found = {r.name: r.motion_path for r in recordings.list_recordings(_existing(folder)) if r.motion_path}
     found = found or {path.stem: path for path in sorted(folder.glob("*.npz"))}
     if not found:
         raise DataError(f"{folder}: no BVH file in it")

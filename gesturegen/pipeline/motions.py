@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from gesturegen import clips
+from gesturegen import recordings
 from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.pipeline.common import work_path
@@ -36,7 +36,7 @@ def folder_motions(folder: Path) -> dict[str, Path]:
     """The BVH files of a folder by clip name; DataError when there is none."""
     if not folder.is_dir():
         raise DataError(f"{folder}: no such folder")
-    found = {r.name: r.motion_path for r in clips.list_recordings(folder) if r.motion_path}
+    found = {r.name: r.motion_path for r in recordings.list_recordings(folder) if r.motion_path}
     if not found:
         raise DataError(f"{folder}: no BVH file in it")
     return found

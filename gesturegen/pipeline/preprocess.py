@@ -5,12 +5,13 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from gesturegen import clips, files
+from gesturegen import clips, files, recordings
 from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.motion import bvh, cleanup, screening
 from gesturegen.parallel import Outcome, for_each
 from gesturegen.pipeline.common import INDEX_VERSION, Summary, clip_path, require_writable, work_path
+from gesturegen.recordings import Recording
 from gesturegen.speech import audio
 
 
@@ -19,8 +20,8 @@ def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None =
 
     reuse : keep stored clips whose inputs and settings have not changed
     """
-    references = {recording.name: recording for recording in clips.reference_recordings(config)}
-    tests = {recording.name: recording for recording in clips.test_recordings(config)}
+    references = {recording.name: recording for recording in recordings.reference_recordings(config)}
+    tests = {recording.name: recording for recording in recordings.test_recordings(config)}
     _refuse_twins(references, tests)
     require_writable(work_path(config, "clips"))
     tasks = {
@@ -38,7 +39,8 @@ def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None =
     summary = Summary(outcome, [(name, note) for name, done in outcome.done.items() for note in done["notes"]])
     summary.warnings += _unmatched_patterns(config, references)
     summary.warnings += [
-        (recording.name, "no BVH file, so it is no reference") for recording in clips.recordings_without_motion(config)
+        (recording.name, "no BVH file, so it is no reference")
+        for recording in recordings.recordings_without_motion(config)
     ]
     if config.keywords.words == {}:
         summary.warnings.append(("keywords", "the keyword list is empty, so no piece ends at a keyword"))
@@ -51,7 +53,7 @@ def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None =
 
 
 def _preprocess_clip(
-    recording: clips.Recording, config: Config, with_motion: bool, export_bvh: Path | None, reuse: bool
+    recording: Recording, config: Config, with_motion: bool, export_bvh: Path | None, reuse: bool
 ) -> dict:
     path = clip_path(config, recording.name)
     digest = clips.input_digest(recording)
@@ -64,7 +66,7 @@ def _preprocess_clip(
     return {"notes": clip.all_notes(config), "speaker": clip.speaker, "seconds": clip.duration}
 
 
-def _refuse_twins(references: dict[str, clips.Recording], tests: dict[str, clips.Recording]) -> None:
+def _refuse_twins(references: dict[str, Recording], tests: dict[str, Recording]) -> None:
     for name in sorted(references.keys() & tests.keys()):
         if references[name].audio_path != tests[name].audio_path:
             raise DataError(
@@ -72,9 +74,7 @@ def _refuse_twins(references: dict[str, clips.Recording], tests: dict[str, clips
             )
 
 
-def _index(
-    config: Config, references: dict[str, clips.Recording], tests: dict[str, clips.Recording], outcome: Outcome
-) -> dict:
+def _index(config: Config, references: dict[str, Recording], tests: dict[str, Recording], outcome: Outcome) -> dict:
     """What later commands need to know of the data, so that they need not look at it again."""
     truths = _truths(config, tests)
     done = outcome.done
@@ -98,21 +98,23 @@ def _index(
     }
 
 
-def _truths(config: Config, tests: dict[str, clips.Recording]) -> dict[str, str]:
+def _truths(config: Config, tests: dict[str, Recording]) -> dict[str, str]:
     """The true motion of test clips: beside their audio, or in `data.truth_split`."""
     found = {name: recording.motion_path for name, recording in tests.items() if recording.motion_path}
     if config.data.truth_split is not None:
         folder = Path(config.paths.data) / config.data.truth_split
         if not folder.is_dir():
             raise DataError(f"{folder}: no such folder of true motion; check data.truth_split")
-        found |= {r.name: r.motion_path for r in clips.list_recordings(folder) if r.motion_path and r.name in tests}
+        found |= {
+            r.name: r.motion_path for r in recordings.list_recordings(folder) if r.motion_path and r.name in tests
+        }
     return {name: str(path.resolve()) for name, path in found.items()}
 
 
-def _training_seconds(config: Config, references: dict[str, clips.Recording], outcome: Outcome) -> list[float]:
+def _training_seconds(config: Config, references: dict[str, Recording], outcome: Outcome) -> list[float]:
     """Durations of the whole training set, the blacklist included: what utilisation is a share of."""
     seconds = [outcome.done[name]["seconds"] for name in references if name in outcome.done]
-    for recording in clips.blacklisted_recordings(config):
+    for recording in recordings.blacklisted_recordings(config):
         try:
             samples, rate = audio.read_samples(recording.audio_path) if recording.audio_path else ((), 1)
         except DataError:
@@ -121,25 +123,25 @@ def _training_seconds(config: Config, references: dict[str, clips.Recording], ou
     return seconds
 
 
-def _unmatched_patterns(config: Config, references: dict[str, clips.Recording]) -> list[tuple[str, str]]:
-    blacklisted = [recording.name for recording in clips.blacklisted_recordings(config)]
+def _unmatched_patterns(config: Config, references: dict[str, Recording]) -> list[tuple[str, str]]:
+    blacklisted = [recording.name for recording in recordings.blacklisted_recordings(config)]
     warnings = [
         ("blacklist", f"{pattern!r} matches no reference clip; check its spelling")
         for pattern in config.blacklist
-        if not any(clips.is_listed(name, (pattern,)) for name in blacklisted)
+        if not any(recordings.is_listed(name, (pattern,)) for name in blacklisted)
     ]
     return warnings + [
         ("exclude", f"clip {range_.clip!r} is no reference clip; check its spelling")
         for range_ in config.exclude
-        if not any(clips.is_listed(name, (range_.clip,)) for name in [*references, *blacklisted])
+        if not any(recordings.is_listed(name, (range_.clip,)) for name in [*references, *blacklisted])
     ]
 
 
 def suggest_blacklist(config: Config, jobs: int, quiet: bool) -> Summary:
     """List near-motionless or glitching clips and ranges with the reason and the figure; exclude nothing."""
-    recordings = {recording.name: recording for recording in clips.reference_recordings(config)}
+    references = {recording.name: recording for recording in recordings.reference_recordings(config)}
     outcome = for_each(
-        {name: partial(_screen_clip, recording, config) for name, recording in recordings.items()},
+        {name: partial(_screen_clip, recording, config) for name, recording in references.items()},
         jobs,
         "screen",
         quiet,
@@ -148,7 +150,7 @@ def suggest_blacklist(config: Config, jobs: int, quiet: bool) -> Summary:
     return Summary(outcome, lines=lines or [f"nothing to suggest in {len(outcome.done)} clips"])
 
 
-def _screen_clip(recording: clips.Recording, config: Config) -> list[str]:
+def _screen_clip(recording: Recording, config: Config) -> list[str]:
     motion = cleanup.resample(bvh.read(recording.motion_path), config.fps)
     joints, _ = clips.select_joints(motion.skeleton, config)
     return [finding.describe(recording.name) for finding in screening.screen(motion, joints, config.wrists.joints)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from gesturegen import clips
+from gesturegen import recordings
 from gesturegen.config import Config
 from gesturegen.errors import GesturegenError
 from gesturegen.parallel import Outcome, one_display
@@ -44,7 +44,7 @@ def run(config: Config, jobs: int, quiet: bool, force: bool = False) -> Summary:
 
 def _expected_tasks(config: Config) -> int:
     """Clips read, graphs built, and tests reenacted, measured and checked; at most one graph per test."""
-    references, tests = len(clips.reference_recordings(config)), len(clips.test_recordings(config))
+    references, tests = len(recordings.reference_recordings(config)), len(recordings.test_recordings(config))
     return references + min(references, tests) + 4 * tests
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import soundfile
 
-from gesturegen import clips, files, submission
+from gesturegen import files, recordings, submission
 from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.motion import bvh
@@ -25,7 +25,7 @@ def check(config: Config, folder: Path | None, strict: bool, jobs: int, quiet: b
     folder = folder if folder is not None else work_path(config, "reenact")
     if not folder.is_dir():
         raise DataError(f"{folder}: no such folder")
-    speeches = {recording.name: recording for recording in clips.test_recordings(config)}
+    speeches = {recording.name: recording for recording in recordings.test_recordings(config)}
     skeletons = _training_skeletons(config)
     found = {path.stem for path in folder.glob("*.bvh")}
     tasks = {
@@ -49,7 +49,7 @@ def check(config: Config, folder: Path | None, strict: bool, jobs: int, quiet: b
 def _training_skeletons(config: Config) -> list[Skeleton]:
     """The skeletons of the training data, each once."""
     skeletons: list[Skeleton] = []
-    for recording in clips.reference_recordings(config):
+    for recording in recordings.reference_recordings(config):
         skeleton = bvh.read_skeleton(recording.motion_path)
         if all(skeleton.difference(other) for other in skeletons):
             skeletons.append(skeleton)
@@ -57,7 +57,7 @@ def _training_skeletons(config: Config) -> list[Skeleton]:
 
 
 def _check_clip(
-    path: Path, recording: clips.Recording | None, skeletons: list[Skeleton], config: Config
+    path: Path, recording: recordings.Recording | None, skeletons: list[Skeleton], config: Config
 ) -> tuple[list[str], list[str]]:
     if recording is None:
         return [f"{path}: no test clip has this name; name files as the audio is named"], []

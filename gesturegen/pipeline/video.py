@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from gesturegen import clips, files
+from gesturegen import files, recordings
 from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.extras import need
@@ -93,7 +93,7 @@ def _sounds(config: Config, motions: Mapping[str, Path], path: Path | None, soun
 
 
 def _folder_sounds(folder: Path) -> dict[str, Path]:
-    return {r.name: r.audio_path for r in clips.list_recordings(folder) if r.audio_path}
+    return {r.name: r.audio_path for r in recordings.list_recordings(folder) if r.audio_path}
 
 
 def _film(shot: _Shot, config: Config, folder: Path, size: tuple[int, int]) -> float:
