@@ -179,6 +179,10 @@ try:
     import numpy
 except ImportError:
     sys.path.append({numpy!r})
+    import numpy
+# Blender 3.4's importer says np.bool, which numpy 1.24 of the same Debian has not.
+if not hasattr(numpy, "bool"):
+    numpy.bool = bool
 import bpy
 bpy.ops.wm.read_factory_settings(use_empty=True)
 bpy.context.scene.render.fps = 30
