@@ -1,7 +1,6 @@
 """`ablate`: the plan it reads, the figures it forms, the table it writes, and what it refuses."""
 
 import csv
-import hashlib
 import json
 import math
 import sys
@@ -9,17 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from gesturegen import clips
 from gesturegen.ablation import causes, summary, tables
 from gesturegen.ablation.plan import SHARED, load_plan
-from gesturegen.cli import main
 from gesturegen.config import load_config
 from gesturegen.errors import ConfigError
 from scripts.check_ablation import broken_guarantees, differences
 from tests import tiny
 from tests.builders import bursts, chain, refused, write_audio, write_clip
+from tests.commands import run, tree
 
 TOP = Path(__file__).parent.parent
 FAINT = 0.014  # a burst of this size has an onset strength of 4.1; the threshold is 5
@@ -44,10 +42,6 @@ def write_plan(folder: Path, setups=SETUPS, files=(), **keys) -> Path:
     return path
 
 
-def run(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
-
-
 def error_of(*arguments) -> str:
     """The one line that a command refuses with."""
     result = run(*arguments)
@@ -55,11 +49,6 @@ def error_of(*arguments) -> str:
     assert result.exit_code == 1 and len(lines) == 1 and "Traceback" not in result.output, result.output
     assert lines[0] == result.output.strip()
     return lines[0]
-
-
-def tree(folder: Path) -> dict[str, str]:
-    paths = sorted(path for path in folder.rglob("*") if path.is_file())
-    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 """The commands, end to end on tiny recordings: what they write, what they say, what they refuse."""
 
-import hashlib
 import json
 import re
 import shutil
@@ -8,41 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from gesturegen.cli import main
 from gesturegen.motion import bvh
 from tests import tiny
 from tests.builders import bursts, chain, data_folder, write_audio, write_clip
+from tests.commands import errors, run, succeed, tree
 
 COMMANDS = ("preprocess", "build-graph", "reenact", "evaluate")
 REFERENCES, TESTS = ("trn_a", "trn_b"), ("tst_a", "tst_b", "tst_c")
 
 
-def run(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
-
-
-def succeed(*arguments):
-    result = run(*arguments)
-    assert result.exit_code == 0, result.output
-    return result
-
-
 def all_commands(data: Path, work: Path, *options):
     return [succeed(command, "--data", data, "--work", work, "-j", 1, *options) for command in COMMANDS]
-
-
-def errors(result) -> list[str]:
-    """The lines that tell of errors; there is never a traceback."""
-    assert "Traceback" not in result.output, result.output
-    return [line for line in result.output.splitlines() if line.lower().startswith("error: ")]
-
-
-def tree(folder: Path) -> dict[str, str]:
-    """Every file below a folder with the hash of its bytes."""
-    paths = sorted(path for path in folder.rglob("*") if path.is_file())
-    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from gesturegen.motion import bvh, rotation
 from gesturegen.motion.skeleton import Motion
 from tests import tiny
 from tests.builders import chain, write_audio, write_clip
-from tests.test_cli import errors, run, succeed, tree
+from tests.commands import errors, run, succeed, tree
 
 
 @pytest.fixture

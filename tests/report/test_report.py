@@ -10,29 +10,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from gesturegen.cli import main
 from gesturegen.config import load_config
 from gesturegen.graph import motion_graph
 from gesturegen.report import page
 from gesturegen.submission import shown_nodes
 from tests import tiny
 from tests.builders import chain, write_clip
+from tests.commands import run, succeed
 from tests.report import synthetic
 
 NASTY = 'tst_<b onclick="x">&amp;'
 TESTS = ("tst_a", NASTY)
-
-
-def run(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
-
-
-def succeed(*arguments):
-    result = run(*arguments)
-    assert result.exit_code == 0, result.output
-    return result
 
 
 def report(data: Path, work: Path, *options):
