@@ -32,10 +32,8 @@ def main() -> None:
     \b
     Start here:
       gesturegen demo-data demo/data --references 2 --tests 2
-      gesturegen preprocess  --data demo/data --work demo/work
-      gesturegen build-graph --data demo/data --work demo/work
-      gesturegen reenact     --data demo/data --work demo/work
-      gesturegen evaluate    --data demo/data --work demo/work
+      gesturegen run    --data demo/data --work demo/work   (preprocess, build-graph, reenact, evaluate, pack)
+      gesturegen report --data demo/data --work demo/work   (a page to watch: demo/work/report.html)
     """
 
 
