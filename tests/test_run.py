@@ -181,6 +181,22 @@ def test_check_names_clip_and_problem(change, words, data, ran):
     assert [words in line and "tst_a" in line for line in errors(result)[:-1]] == [True]
 
 
+def test_a_broken_reference_keeps_no_clip_from_the_archive(data, tmp_path):
+    (data / "trn/main-agent/bvh/trn_b.bvh").write_text("")
+    result = go(data, tmp_path / "work")
+    assert result.exit_code == 1
+    assert ["trn_b.bvh: the file is empty" in line for line in errors(result)[:-1]] == [True]
+    with zipfile.ZipFile(tmp_path / "work/submission.zip") as archive:
+        assert len(archive.namelist()) == 2
+
+
+def test_check_without_any_readable_reference_says_why(data, ran):
+    for path in (data / "trn/main-agent/bvh").iterdir():
+        path.write_text("")
+    (line,) = errors(checked(data, ran / "submission"))
+    assert "trn_a.bvh: the file is empty" in line
+
+
 def test_check_finds_missing_nameless_and_broken_files(data, ran):
     folder = ran / "submission"
     os.rename(folder / "tst_a.bvh", folder / "mine.bvh")

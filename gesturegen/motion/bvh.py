@@ -39,9 +39,9 @@ def read(path: str | Path) -> Motion:
 
 
 def read_skeleton(path: str | Path) -> Skeleton:
-    """The skeleton of a BVH file; its frames are not looked at."""
+    """The skeleton of a BVH file; its frames are not read."""
     path = Path(path)
-    return _Hierarchy(path, _split(path, _read_text(path))[0]).parse()
+    return _Hierarchy(path, _split(path, _read_text(path, header_only=True))[0]).parse()
 
 
 def write(path: str | Path, motion: Motion) -> None:
@@ -86,9 +86,19 @@ def hierarchy_text(
     return "\n".join(lines) + "\n"
 
 
-def _read_text(path: Path) -> str:
+def _read_text(path: Path, header_only: bool = False) -> str:
+    """The text of a file, up to its MOTION line where only the hierarchy is wanted."""
     try:
-        raw = path.read_bytes()
+        with path.open("rb") as file:
+            if header_only:
+                lines = []
+                for line in file:
+                    lines.append(line)
+                    if line.strip() == b"MOTION":
+                        break
+                raw = b"".join(lines)
+            else:
+                raw = file.read()
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
     if not raw.strip():

@@ -47,12 +47,22 @@ def check(config: Config, folder: Path | None, strict: bool, jobs: int, quiet: b
 
 
 def _training_skeletons(config: Config) -> list[Skeleton]:
-    """The skeletons of the training data, each once."""
+    """The skeletons of the training data, each once; DataError when no reference has a readable one.
+
+    A broken reference is for `preprocess` to tell of: it must not keep the clips from being checked.
+    """
     skeletons: list[Skeleton] = []
+    broken: list[DataError] = []
     for recording in recordings.reference_recordings(config):
-        skeleton = bvh.read_skeleton(recording.motion_path)
+        try:
+            skeleton = bvh.read_skeleton(recording.motion_path)
+        except DataError as error:
+            broken.append(error)
+            continue
         if all(skeleton.difference(other) for other in skeletons):
             skeletons.append(skeleton)
+    if not skeletons:
+        raise broken[0]
     return skeletons
 
 

@@ -495,3 +495,13 @@ def test_the_sample_has_the_genea_skeleton():
     assert rest.difference(sample.skeleton) is None
     assert sample.n_frames == 1906 and sample.fps == 30.0 and sample.skeleton.n_channels == 498
     assert np.isfinite(rest.end_sites).all(axis=1).sum() == 27
+
+
+def test_a_skeleton_is_read_without_its_frames(tmp_path):
+    path = tmp_path / "a.bvh"
+    path.write_text(bvh_text(rows=("no numbers here",)).replace("\n", "\r\n"))
+    skeleton = bvh.read_skeleton(path)
+    assert skeleton.names == ("upper", "lower") and skeleton.n_channels == ARM_CHANNELS
+    with refused(DataError, "no MOTION section"):
+        path.write_text(ARM)
+        bvh.read_skeleton(path)
