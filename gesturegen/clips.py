@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,6 +29,11 @@ _SETTINGS = (
     "fps", "joints", "wrists", "exclude", "breaks", "positions.root_joint",
     "onsets.sample_rate", "onsets.hop_length", "onsets.muted_min_seconds", "onsets.muted_max_seconds",
     "onsets.muted_margin_seconds",
+)  # fmt: skip
+# What a stored clip holds of its speech; the rest is its motion.
+_SPEECH_ARRAYS = (
+    "format_version", "settings", "input_digest", "name", "speaker", "duration", "notes",
+    "onset_times", "onset_strengths", "onset_near_mute", "word_texts", "word_times",
 )  # fmt: skip
 
 
@@ -211,14 +215,12 @@ def input_digest(recording: Recording) -> str:
 
 def load_if_current(path: str | Path, config: Config, digest: str, with_motion: bool) -> Clip | None:
     """The stored clip, without its motion, when it was made from these inputs with these settings; else None."""
-    if not Path(path).is_file():
-        return None
     try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as stored:
-            if str(stored["input_digest"]) != digest or ("expmaps" in stored) != with_motion:
-                return None
+        stored = files.read_arrays(path)  # all of it, so that a damaged array is found now and made again
+        if str(stored["input_digest"]) != digest or ("expmaps" in stored) != with_motion:
+            return None
         return load(path, config, with_motion=False)
-    except (DataError, KeyError, ValueError, OSError, zipfile.BadZipFile):
+    except (DataError, KeyError):
         return None
 
 
@@ -265,7 +267,7 @@ def load(path: str | Path, config: Config, with_motion: bool = True) -> Clip:
     path = Path(path)
     if not path.is_file():
         raise DataError(f"{path}: clip {path.stem} has not been preprocessed; run `gesturegen preprocess` first")
-    stored = files.read_arrays(path)
+    stored = files.read_arrays(path, None if with_motion else _SPEECH_ARRAYS)
     try:
         if stored["format_version"] != FORMAT_VERSION:
             raise DataError(

@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -62,11 +62,11 @@ def write_arrays(path: str | Path, arrays: dict[str, np.ndarray]) -> None:
     write_bytes(path, lambda file: np.savez(file, **arrays))
 
 
-def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
-    """All arrays of an `.npz`; raises DataError for a file that is missing or damaged."""
+def read_arrays(path: str | Path, only: Collection[str] | None = None) -> dict[str, np.ndarray]:
+    """The arrays of an `.npz`, or those named in `only` that it has; DataError for a missing or damaged file."""
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as stored:
-            return dict(stored)
+            return {name: stored[name] for name in stored.files if only is None or name in only}
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror or error})") from None
     except Exception as error:

@@ -64,6 +64,14 @@ def read_index(config: Config) -> dict:
     return index
 
 
+def read_manifest(work: Path) -> dict:
+    """What `reenact` left in a work folder; DataError when it has not been run there."""
+    path = work / "reenact" / "manifest.json"
+    if not path.is_file():
+        raise DataError(f"{path.parent}: nothing has been reenacted there; run `gesturegen reenact` first")
+    return files.read_json(path)
+
+
 def chosen_references(config: Config, index: dict) -> dict[str, tuple[str, ...]]:
     """The reference clips of each test clip, among the clips that could be preprocessed."""
     if not index["tests"]:

@@ -10,14 +10,23 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gesturegen import __version__, clips, evaluation, files, recordings, tables
+from gesturegen import __version__, clips, evaluation, files, tables
 from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.graph import motion_graph
 from gesturegen.metrics.usage import training_utilisation
 from gesturegen.motion import bvh, cleanup
 from gesturegen.parallel import Outcome, for_each
-from gesturegen.pipeline.common import Summary, clip_path, graph_path, read_index, require_writable, work_path
+from gesturegen.pipeline.common import (
+    Summary,
+    clip_path,
+    graph_path,
+    read_index,
+    read_manifest,
+    require_writable,
+    work_path,
+)
+from gesturegen.pipeline.motions import folder_motions, folder_sounds
 from gesturegen.speech import audio
 
 
@@ -115,12 +124,10 @@ def _signature_line(signature: dict) -> str:
 
 def _own_evidence(config: Config, index: dict, truth_folder: Path | None) -> tuple[list[_Evidence], list[str], dict]:
     folder = work_path(config, "reenact")
-    if not (folder / "manifest.json").is_file():
-        raise DataError(f"{folder}: nothing has been reenacted there; run `gesturegen reenact` first")
-    manifest = files.read_json(folder / "manifest.json")
+    manifest = read_manifest(work_path(config))
     truths = {name: Path(row["truth"]) for name, row in index["tests"].items() if row["truth"]}
     if truth_folder is not None:
-        truths = _motions(truth_folder)
+        truths = folder_motions(truth_folder, arrays=True)
     evidence, failed = [], []
     for row in manifest["clips"]:
         name = row["clip"]
@@ -143,30 +150,13 @@ def _own_evidence(config: Config, index: dict, truth_folder: Path | None) -> tup
 
 
 def _foreign_evidence(bvh_folder: Path, audio_folder: Path | None, truth_folder: Path | None) -> list[_Evidence]:
-    motions = _motions(bvh_folder)
-    sounds = {}
-    if audio_folder is not None:
-        sounds = {r.name: r.audio_path for r in recordings.list_recordings(_existing(audio_folder)) if r.audio_path}
-    truths = _motions(truth_folder) if truth_folder is not None else {}
+    motions = folder_motions(bvh_folder, arrays=True)
+    sounds = folder_sounds(audio_folder) if audio_folder is not None else {}
+    truths = folder_motions(truth_folder, arrays=True) if truth_folder is not None else {}
     for folder, found in ((audio_folder, sounds), (truth_folder, truths)):
         if folder is not None and not motions.keys() & found.keys():
             raise DataError(f"{folder}: no file in it has the name of a motion in {bvh_folder}; names must match")
     return [_Evidence(name, path, sounds.get(name), truths.get(name)) for name, path in motions.items()]
-
-
-def _motions(folder: Path) -> dict[str, Path]:
-    """BVH files, or `.npz` files with `positions`, by clip name."""
-    found = {r.name: r.motion_path for r in recordings.list_recordings(_existing(folder)) if r.motion_path}
-    found = found or {path.stem: path for path in sorted(folder.glob("*.npz"))}
-    if not found:
-        raise DataError(f"{folder}: no BVH file in it")
-    return found
-
-
-def _existing(folder: Path) -> Path:
-    if not folder.is_dir():
-        raise DataError(f"{folder}: no such folder")
-    return folder
 
 
 def _measure(evidence: _Evidence, config: Config) -> dict:

@@ -71,7 +71,7 @@ def _find(config: Config, target: str) -> Path:
 
 
 def _load_graph(path: Path) -> motion_graph.MotionGraph:
-    if "indptr" not in files.read_arrays(path):
+    if not files.read_arrays(path, only=("indptr",)):
         raise DataError(f"{path}: a clip or other arrays, not a graph; graphs are in the folder `graphs`")
     return motion_graph.load(path)
 

@@ -1,4 +1,4 @@
-"""Which motion files a user means: BVH files and folders of them, by clip name."""
+"""Which motion and audio files a user means, by clip name."""
 
 from __future__ import annotations
 
@@ -32,11 +32,25 @@ def _of_path(path: Path) -> dict[str, Path]:
     return folder_motions(path)
 
 
-def folder_motions(folder: Path) -> dict[str, Path]:
-    """The BVH files of a folder by clip name; DataError when there is none."""
-    if not folder.is_dir():
-        raise DataError(f"{folder}: no such folder")
-    found = {r.name: r.motion_path for r in recordings.list_recordings(folder) if r.motion_path}
+def folder_motions(folder: Path, arrays: bool = False) -> dict[str, Path]:
+    """The BVH files of a folder by clip name; DataError when there is none.
+
+    arrays : where there is no BVH file, `.npz` files will do
+    """
+    found = {r.name: r.motion_path for r in _recordings(folder) if r.motion_path}
+    if not found and arrays:
+        found = {path.stem: path for path in sorted(folder.glob("*.npz"))}
     if not found:
         raise DataError(f"{folder}: no BVH file in it")
     return found
+
+
+def folder_sounds(folder: Path) -> dict[str, Path]:
+    """The audio files of a folder by clip name."""
+    return {r.name: r.audio_path for r in _recordings(folder) if r.audio_path}
+
+
+def _recordings(folder: Path) -> list[recordings.Recording]:
+    if not folder.is_dir():
+        raise DataError(f"{folder}: no such folder")
+    return recordings.list_recordings(folder)

@@ -14,7 +14,7 @@ from gesturegen.config import Config
 from gesturegen.errors import DataError, GesturegenError
 from gesturegen.motion import bvh, cleanup
 from gesturegen.parallel import for_each
-from gesturegen.pipeline.common import Summary, clip_path, read_index, require_writable, work_path
+from gesturegen.pipeline.common import Summary, clip_path, read_index, read_manifest, require_writable, work_path
 from gesturegen.report import pack, page
 from gesturegen.speech import audio
 
@@ -38,7 +38,7 @@ def report(
     compare : labels and work folders of other runs of the same clips; out : the file, by default WORK/report.html
     """
     index = read_index(config)
-    manifest = _read_manifest(work_path(config))
+    manifest = read_manifest(work_path(config))
     others = _other_runs(compare)
     path = work_path(config, "report.html") if out is None else out
     require_writable(path.parent)
@@ -71,19 +71,12 @@ def report(
     return summary
 
 
-def _read_manifest(work: Path) -> dict:
-    path = work / "reenact" / "manifest.json"
-    if not path.is_file():
-        raise DataError(f"{path.parent}: nothing has been reenacted there; run `gesturegen reenact` first")
-    return files.read_json(path)
-
-
 def _other_runs(compare: Sequence[tuple[str, Path]]) -> list[_Run]:
     runs: list[_Run] = []
     for label, work in compare:
         if label in (*_OWN_LABELS, *(run.label for run in runs)):
             raise DataError(f"{work}: the label {label!r} is taken; give every compared run one of its own")
-        rows = _read_manifest(work)["clips"]
+        rows = read_manifest(work)["clips"]
         runs.append(_Run(label, work, frozenset(row["clip"] for row in rows if row["error"] is None)))
     return runs
 
@@ -156,12 +149,10 @@ def _source_frames(path: Path) -> np.ndarray:
     """The one array of a graph that a report needs: a graph of all references can be as large as the memory."""
     if not path.is_file():
         raise DataError(f"{path}: this graph has not been built; run `gesturegen build-graph` first")
-    try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as stored:
-            return stored["source_frames"]
-    except Exception as error:
-        # zipfile, zlib and numpy each have their own word for a damaged file.
-        raise DataError(f"{path}: damaged ({error}); delete it and run build-graph again") from None
+    stored = files.read_arrays(path, only=("source_frames",))
+    if not stored:
+        raise DataError(f"{path}: no array 'source_frames' in it; delete it and run build-graph again")
+    return stored["source_frames"]
 
 
 def _true_motion(path: Path, config: Config) -> dict:

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from gesturegen import files, recordings
+from gesturegen import files
 from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.extras import need
 from gesturegen.motion import bvh, cleanup
 from gesturegen.parallel import for_each
 from gesturegen.pipeline.common import Summary, read_index, require_writable, work_path
-from gesturegen.pipeline.motions import folder_motions, motion_files
+from gesturegen.pipeline.motions import folder_motions, folder_sounds, motion_files
 from gesturegen.speech import audio
 from gesturegen.video import encoding, figure, picture
 
@@ -82,18 +82,14 @@ def _sounds(config: Config, motions: Mapping[str, Path], path: Path | None, soun
     if sound is not None:
         if not sound.is_dir():
             raise DataError(f"{sound}: no such audio file or folder")
-        found = _folder_sounds(sound)
+        found = folder_sounds(sound)
         if not motions.keys() & found.keys():
             raise DataError(f"{sound}: no audio file in it has the name of a clip to show, such as {min(motions)}")
         return found
-    beside = {} if path is None else _folder_sounds(path if path.is_dir() else path.parent)
+    beside = {} if path is None else folder_sounds(path if path.is_dir() else path.parent)
     if path is None or work_path(config, "clips", "index.json").is_file():
         return beside | {name: Path(row["audio"]) for name, row in read_index(config)["tests"].items()}
     return beside
-
-
-def _folder_sounds(folder: Path) -> dict[str, Path]:
-    return {r.name: r.audio_path for r in recordings.list_recordings(folder) if r.audio_path}
 
 
 def _film(shot: _Shot, config: Config, folder: Path, size: tuple[int, int]) -> float:
