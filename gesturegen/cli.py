@@ -201,17 +201,26 @@ def build_graph(config: Config, jobs: int, quiet: bool) -> None:
 
 @main.command()
 @_common
-def reenact(config: Config, jobs: int, quiet: bool) -> None:
+@click.option(
+    "--variants", type=click.IntRange(min=1), default=1, show_default=True, metavar="N",
+    help="Different results of every clip, to pick from: the first in WORK/reenact, each other in WORK/variants/2 to N.",
+)  # fmt: skip
+def reenact(config: Config, jobs: int, quiet: bool, variants: int) -> None:
     """Find gestures for every test speech; write BVH, traces and a manifest into WORK/reenact.
+
+    The first variant is the same whatever N is. WORK/variants/2 is a work folder for the commands that come after
+    this one, such as `evaluate --work WORK/variants/2`. What an earlier `reenact` left in WORK/variants is removed;
+    `run` removes it when its own result changes.
 
     \b
     Examples:
       gesturegen reenact --config configs/casia_go_2023.yaml --data genea --work out -j 8
       gesturegen reenact --work out --set seed=1 --set blend.method=inertialize
+      gesturegen reenact --work out --set search=global --variants 3
     """
     from gesturegen import pipeline
 
-    _run(quiet, lambda: pipeline.reenact(config, jobs, quiet))
+    _run(quiet, lambda: pipeline.reenact(config, jobs, quiet, variants=variants))
 
 
 @main.command()

@@ -80,6 +80,7 @@ class References(_Section):
     mode: Literal["per_test_clip", "k", "speaker", "all", "list"] = "per_test_clip"
     k: Count = 1
     list_file: Annotated[str | None, Field(alias="list")] = None
+    seconds: Positive | None = None
 
     @model_validator(mode="after")
     def _list_given(self):
@@ -130,6 +131,29 @@ class Beam(_Section):
     max_ratio: Annotated[float, Field(ge=1)] = 1.1
 
 
+class Pauses(_Section):
+    min_seconds: NotNegative = 0.5
+
+
+class GlobalSearch(_Section):
+    lambda_w: NotNegative = 1.0
+    lambda_len: NotNegative = 20.0
+    lambda_pass: NotNegative = 10.0
+    lambda_state: NotNegative = 3.0
+    lambda_hold: NotNegative = 20.0
+    lambda_rest: NotNegative = 1.0
+    lambda_end: NotNegative = 150.0
+    lambda_keyword: NotNegative = 60.0
+    lambda_join: NotNegative = 1.0
+    lambda_repeat: NotNegative = 1.0
+    sweeps: Annotated[int, Field(ge=0)] = 2
+    lambda_variant: NotNegative = 1.0
+    min_ratio: Annotated[float, Field(gt=0, le=1)] = 0.9
+    max_ratio: Annotated[float, Field(ge=1)] = 1.1
+    slack_frames: Annotated[int, Field(ge=0)] = 2
+    max_piece_seconds: Positive = 3.0
+
+
 class Features(_Section):
     l_feat: Count = 10
     w_full: tuple[Share, ...] = (1.0, 0.5, 0.5, 0.2, 0.2, 0.2, 0.1, 0.1, 0.1, 0.1)
@@ -157,16 +181,26 @@ class Termination(_Section):
 
 
 class Blend(_Section):
-    method: Literal["crossfade", "inertialize"] = "crossfade"
+    method: Literal["crossfade", "inertialize", "least_jerk"] = "crossfade"
     l_blend: Annotated[int, Field(ge=0)] = 8
     curve: Literal["linear", "sigmoid", "smoothstep"] = "linear"
     rotations: Literal["slerp", "expmap"] = "slerp"
     half_life: Positive = 0.1
+    reach_seconds: Annotated[float, Field(gt=0, le=1)] = 0.08
 
 
 class Root(_Section):
     mode: Literal["return", "absolute"] = "return"
     return_half_life: Positive = 3.0
+
+
+class Feet(_Section):
+    lock: bool = False
+    joints: tuple[str, ...] = ("b_l_foot", "b_r_foot")
+    release_half_life: Positive = 0.3
+    max_offset: Positive = 15.0
+    step_seconds: Positive = 0.5
+    step_height: Positive = 6.0
 
 
 class Evaluation(_Section):
@@ -176,14 +210,13 @@ class Evaluation(_Section):
     hellinger_bin_width: Positive = 1.0
     frechet_windows: tuple[Count, ...] = (30, 60, 90)
     seam_radius: Count = 4
-    feet: tuple[str, ...] = ("b_l_foot", "b_r_foot")
 
 
 class Config(_Section):
     """All settings of a run; see `configs/casia_go_2023.yaml` for what each one means."""
 
     method: Literal["motion_graph"] = "motion_graph"
-    search: Literal["beam"] = "beam"
+    search: Literal["beam", "global"] = "beam"
     seed: Annotated[int, Field(ge=0)] = 0
     paths: Paths = Paths()
     data: Data = Data()
@@ -196,15 +229,18 @@ class Config(_Section):
     onsets: Onsets = Onsets()
     keywords: Keywords = Keywords()
     breaks: Breaks = Breaks()
+    pauses: Pauses = Pauses()
     positions: Positions = Positions()
     continuity: Continuity = Continuity()
     beam: Beam = Beam()
+    global_search: GlobalSearch = GlobalSearch()
     features: Features = Features()
     initialization: Literal["feature", "random"] = "feature"
     termination: Termination = Termination()
     resample: Literal["interpolate", "nearest"] = "interpolate"
     blend: Blend = Blend()
     root: Root = Root()
+    feet: Feet = Feet()
     fingers: Literal["follow", "rest"] = "follow"
     evaluation: Evaluation = Evaluation()
 

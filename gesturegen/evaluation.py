@@ -15,7 +15,7 @@ import numpy as np
 from gesturegen.clips import select_joints
 from gesturegen.config import Config
 from gesturegen.graph.motion_graph import MotionGraph
-from gesturegen.metrics import beats, diversity, feet, frechet, genea, seams, smoothness, synchrony, usage
+from gesturegen.metrics import beats, diversity, feet, frechet, genea, pauses, seams, smoothness, synchrony, usage
 from gesturegen.motion import kinematics
 from gesturegen.motion.skeleton import Motion
 from gesturegen.submission import shown_nodes
@@ -45,10 +45,16 @@ MEASURES = (
     Measure("hard_joins_per_minute", "hard joins/min", "seams"),
     Measure("join_distance_mean", "join d mean", "seams"),
     Measure("join_distance_max", "join d max", "seams"),
+    Measure("join_distance_sum", "join d sum ↓", "seams"),
     Measure("seam_jerk", "seam jerk ↓", "seams"),
     Measure("seam_jerk_wrists", "on wrists ↓", "seams"),
-    Measure("foot_skate", "foot skate cm/s", "seams"),
-    Measure("foot_contact_share", "contact", "seams"),
+    Measure("wrist_speed_ratio", "wrist speed / source", "seams"),
+    Measure("foot_skate", "foot skate cm/s", "feet and pauses"),
+    Measure("foot_skate_ratio", "/ reference's", "feet and pauses"),
+    Measure("foot_contact_share", "contact", "feet and pauses"),
+    Measure("pause_share", "pauses from pauses ↑", "feet and pauses"),
+    Measure("pause_speed", "wrists in pauses cm/s", "feet and pauses"),
+    Measure("pause_speed_ratio", "/ in reference's", "feet and pauses"),
     Measure("key_node_share", "key nodes met", "usage"),
     Measure("reference_share", "reference used", "usage"),
     Measure("max_uses", "max uses", "usage"),
@@ -100,7 +106,7 @@ def locate(motion: Motion, config: Config) -> Joints:
     joints, _ = select_joints(skeleton, config)
     pelvis = skeleton.pelvis(config.positions.root_joint)
     names = [skeleton.names[j] for j in joints]
-    foot_joints = [skeleton.names.index(name) for name in config.evaluation.feet if name in skeleton.names]
+    foot_joints = [skeleton.names.index(name) for name in config.feet.joints if name in skeleton.names]
     return Joints(
         world=kinematics.joint_positions(motion, joints),
         relative=config.positions.scale
@@ -126,10 +132,12 @@ def measure_clip(
     truth: Joints | None = None,
     trace: Mapping | None = None,
     graph: MotionGraph | None = None,
+    reference_skate: float = NAN,
 ) -> dict[str, float]:
     """All measures of one clip; NaN for those that lack their evidence.
 
-    onset_times : seconds; trace and graph : of a clip that gesturegen made
+    onset_times : seconds; trace and graph : of a clip that gesturegen made; reference_skate : foot skate of
+    its references, cm/s
     """
     settings, fps = config.evaluation, generated.fps
     row = {measure.key: NAN for measure in measures(config)}
@@ -142,8 +150,12 @@ def measure_clip(
         "acceleration": smoothness.mean_acceleration(generated.world, fps=fps),
     }
     if generated.feet.shape[1]:
-        skate = feet.foot_skate(generated.feet, range(generated.feet.shape[1]), fps=fps)
-        row |= {"foot_skate": skate.speed, "foot_contact_share": skate.contact_share}
+        skate = foot_skate(generated)
+        row |= {
+            "foot_skate": skate.speed,
+            "foot_skate_ratio": _ratio(skate.speed, reference_skate),
+            "foot_contact_share": skate.contact_share,
+        }
     if onset_times is not None and generated.parents is not None:
         rates = beats.angle_change_rate(generated.world, generated.parents, fps=fps)
         times = beats.motion_beats(rates, fps=fps)
@@ -157,6 +169,10 @@ def measure_clip(
     if trace is not None and graph is not None:
         row |= _measure_trace(generated, trace, graph, config)
     return row
+
+
+def foot_skate(joints: Joints) -> feet.FootSkate:
+    return feet.foot_skate(joints.feet, range(joints.feet.shape[1]), fps=joints.fps)
 
 
 def failed_row(config: Config) -> dict[str, float]:
@@ -228,14 +244,48 @@ def _measure_trace(generated: Joints, trace: Mapping, graph: MotionGraph, config
         "hard_joins_per_minute": joins.hard_per_minute,
         "join_distance_mean": joins.mean_distance,
         "join_distance_max": joins.max_distance,
+        "join_distance_sum": joins.sum_distance,
         "seam_jerk": jerk(None),
         "seam_jerk_wrists": jerk(generated.wrists),
+        **_measure_wrists(generated, trace, graph, shown),
         "key_node_share": usage.key_node_share(frames, shown, any_stop),
         "reference_share": use.used_share,
         "max_uses": use.max_uses,
         "repeated_share": use.reused_share,
         "held_share": use.held_share,
     }
+
+
+def _measure_wrists(generated: Joints, trace: Mapping, graph: MotionGraph, shown: np.ndarray) -> dict[str, float]:
+    """Speeds of the wrists, against the same frames and against the pauses of the reference."""
+    paused = np.zeros(len(shown), dtype=bool)
+    for start, end in trace["pauses"]:
+        paused[start:end] = True
+    moving, recorded = generated.relative[:, generated.wrists], graph.positions[:, generated.wrists]
+    everywhere = np.ones(len(shown), dtype=bool)
+    in_pauses = pauses.mean_speed(moving, paused, fps=generated.fps)
+    return {
+        "wrist_speed_ratio": _ratio(
+            pauses.mean_speed(moving, everywhere, fps=generated.fps),
+            pauses.source_speed(recorded, shown, graph.segment_starts, fps=generated.fps),
+        ),
+        "pause_share": pauses.pause_share(paused, shown, graph.speaking),
+        "pause_speed": in_pauses,
+        "pause_speed_ratio": _ratio(
+            in_pauses, pauses.mean_speed(recorded, ~graph.speaking, graph.segment_starts, fps=generated.fps)
+        ),
+    }
+
+
+def _ratio(value: float, other: float) -> float:
+    return value / other if other > 0 else NAN
+
+
+def mean_foot_skate(skates: Sequence[tuple[feet.FootSkate, int]]) -> float:
+    """Foot skate of several motions, each with its number of frames, in cm/s; NaN where no foot is in contact."""
+    weights = [skate.contact_share * frames for skate, frames in skates if np.isfinite(skate.speed)]
+    speeds = [skate.speed for skate, _ in skates if np.isfinite(skate.speed)]
+    return float(np.average(speeds, weights=weights)) if sum(weights) > 0 else NAN
 
 
 def seam_frames(trace: Mapping, graph: MotionGraph) -> np.ndarray:

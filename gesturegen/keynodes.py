@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from gesturegen.clips import Reference, Speech
-from gesturegen.config import Features
+from gesturegen.config import Features, Pauses
 from gesturegen.motion.skeleton import read_only
 from gesturegen.speech.keywords import keyword_frames
+from gesturegen.speech.pauses import speaking_frames
 
 ONSET, KEYWORD, BREAK = "onset", "keyword", "break"
 
@@ -72,6 +73,16 @@ def of_references(references: Sequence[Reference], keywords: Mapping[str, str]) 
         parts.append((nodes.frames + first, nodes.kinds, nodes.keywords))
         first += len(kept)
     return KeyNodes(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def speaking(speech: Speech, settings: Pauses) -> np.ndarray:
+    """bool `[shape=(n_frames,)]`: False in the pauses of a speech."""
+    return speaking_frames(speech.words, speech.onset_frames, speech.n_frames, speech.fps, settings.min_seconds)
+
+
+def reference_speaking(reference: Reference, settings: Pauses) -> np.ndarray:
+    """bool `[shape=(T,)]` for the frames of a reference that may be used: False in its pauses."""
+    return speaking(reference.speech, settings)[reference.source_frames]
 
 
 def features(

@@ -138,13 +138,40 @@ def is_listed(name: str, patterns: Sequence[str]) -> bool:
 
 
 def choose_references(
-    tests: Sequence[str], references: Mapping[str, str | None], speakers: Mapping[str, str | None], config: Config
+    tests: Sequence[str],
+    references: Mapping[str, str | None],
+    speakers: Mapping[str, str | None],
+    config: Config,
+    durations: Mapping[str, float] | None = None,
 ) -> dict[str, tuple[str, ...]]:
-    """The reference clips of each test clip, by `references.mode`.
+    """The reference clips of each test clip, by `references.mode`, and no more than `references.seconds` asks for.
 
     references : name -> speaker; speakers : test name -> speaker. `per_test_clip` (the paper's) and `k` draw
     without replacement from the run seed over the sorted test names, reshuffling when the clips run out.
+    durations : seconds of each reference clip, which only `references.seconds` needs. Of the clips it stops at
+    the first that makes them last as long; `k` then keeps the order in which they were drawn.
     """
+    chosen = _choose_by_mode(tests, references, speakers, config)
+    limit = config.references.seconds
+    if limit is None:
+        return chosen
+    return {test: _until(limit, hand, durations, config.fps) for test, hand in chosen.items()}
+
+
+def _until(limit: float, names: Sequence[str], durations: Mapping[str, float], fps: int) -> tuple[str, ...]:
+    """The first of `names` that together last `limit` seconds, to half a frame."""
+    taken, left = [], limit
+    for name in names:
+        if left <= 0.5 / fps:
+            break
+        taken.append(name)
+        left -= durations[name]
+    return tuple(taken or names[:1])  # a limit below half a frame still leaves one
+
+
+def _choose_by_mode(
+    tests: Sequence[str], references: Mapping[str, str | None], speakers: Mapping[str, str | None], config: Config
+) -> dict[str, tuple[str, ...]]:
     names = sorted(references)
     mode = config.references.mode
     if mode == "all":
@@ -165,7 +192,7 @@ def choose_references(
             if not any(name not in hand for name in deck):
                 deck = [names[n] for n in rng.permutation(len(names))]
             hand.append(deck.pop(next(n for n, name in enumerate(deck) if name not in hand)))
-        chosen[test] = tuple(sorted(hand))
+        chosen[test] = tuple(sorted(hand) if config.references.seconds is None else hand)
     return chosen
 
 

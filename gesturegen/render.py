@@ -1,7 +1,8 @@
 """From a `Path` of graph nodes to motion: the one renderer that all methods share (§4.2.4).
 
 Order: take the reference frames of the nodes; keep the root from jumping; with `inertialize`, let the
-offsets at jumps decay; resample every piece to its length; with `crossfade`, blend the joins.
+offsets at jumps decay; resample every piece to its length; with `crossfade`, blend the joins, with
+`least_jerk` correct around all jumps; lock the feet.
 """
 
 from __future__ import annotations
@@ -15,9 +16,12 @@ import numpy as np
 from gesturegen.clips import Reference, select_joints
 from gesturegen.config import Config
 from gesturegen.graph.motion_graph import MotionGraph
-from gesturegen.motion import blend, cleanup, kinematics, rotation
+from gesturegen.motion import blend, cleanup, feet, kinematics, rotation
 from gesturegen.motion.skeleton import Motion
 from gesturegen.search.path import Path, Piece, resampled_indices
+
+# Of times, which are sums of fractions.
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -48,10 +52,20 @@ def render(path: Path, references: Sequence[Reference], graph: MotionGraph, conf
     rotations, positions = source.rotations.copy(), source.positions.copy()
     if config.blend.method == "inertialize":
         _inertialize(rotations, positions, successors, steps, config)
-    motion = _resample(replace(source, rotations=rotations, positions=positions), pieces, config.resample)
+    kept, times = _timeline(pieces, nodes, graph, config.resample)
+    jumps = _jumps(times, steps.jump[kept])
+    motion = cleanup.interpolate(replace(source, rotations=rotations[kept], positions=positions[kept]), times)
     rotations, positions = motion.rotations.copy(), motion.positions.copy()
     if config.blend.method == "crossfade":
         _crossfade_joins(rotations, positions, pieces, graph, config)
+    elif config.blend.method == "least_jerk":
+        rotations, positions = blend.least_jerk(rotations, positions, jumps, config.blend.reach_seconds * motion.fps)
+    if config.feet.lock:
+        motion = replace(motion, rotations=rotation.normalize(rotations), positions=positions)
+        as_recorded = cleanup.interpolate(recorded.take(nodes[kept]), times)
+        bearing = recorded.foot_contacts(config.feet.joints)[nodes[kept][np.round(times).astype(int)]]
+        pelvis = motion.skeleton.pelvis(config.positions.root_joint)
+        rotations = feet.lock(motion, as_recorded, bearing, jumps, pelvis, config.feet).rotations
     if config.fingers == "rest":
         rotations[:, _fingers(motion, config)] = rotation.IDENTITY
     return replace(motion, rotations=rotation.normalize(rotations), positions=positions)
@@ -74,6 +88,14 @@ class _Recorded:
             rotations[chosen] = self.references[clip].motion.rotations[frames]
             positions[chosen] = self.references[clip].motion.positions[frames]
         return Motion(first.skeleton, rotations, positions, first.fps)
+
+    def foot_contacts(self, joints: Sequence[str]) -> np.ndarray:
+        """bool `[shape=(N, F)]`: which of the feet that there are bear weight, by node."""
+        names = self.references[0].motion.skeleton.names
+        places = [names.index(name) for name in joints if name in names]
+        if not places:
+            return np.zeros((sum(r.motion.n_frames for r in self.references), 0), dtype=bool)
+        return np.concatenate([feet.contacts(kinematics.joint_positions(r.motion, places)) for r in self.references])
 
 
 # --- root ---------------------------------------------------------------------------------------------------
@@ -175,14 +197,47 @@ def _spin(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     return rotation.to_expmap(rotation.multiply(after, rotation.inverse(before)))
 
 
-def _resample(motion: Motion, pieces: Sequence[Piece], how: str) -> Motion:
-    """Every piece evenly resampled to its target's length."""
+def _timeline(
+    pieces: Sequence[Piece], nodes: np.ndarray, graph: MotionGraph, how: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which of all nodes are interpolated between `[shape=(K,)]`, and where among them each output frame lies.
+
+    Every piece is evenly resampled to its target's length. A node that a piece holds before it goes on to its
+    natural successor is on the way there all the while, slow motion in place of a stop: only the first of its
+    copies is kept. A pose that is repeated for want of a path (A.1.1) stays.
+    """
     times, first = [], 0
     for piece in pieces:
         indices = resampled_indices(len(piece.nodes), piece.target.length)
         times.append(first + (np.round(indices) if how == "nearest" else indices))
         first += len(piece.nodes)
-    return cleanup.interpolate(motion, np.concatenate(times))
+    evenly = np.concatenate(times)
+    everything = np.arange(len(nodes))
+    if how == "nearest":
+        return everything, evenly
+    counts = np.array([len(piece.nodes) for piece in pieces])
+    fresh = np.append(True, nodes[1:] != nodes[:-1])
+    fresh[np.cumsum(counts)[:-1]] = True
+    begins = np.flatnonzero(fresh)
+    ends = np.append(begins[1:], len(nodes))
+    repeated = np.repeat([piece.fallback == "repeat" for piece in pieces], counts)[begins]
+    goes_on = np.append(nodes[begins[1:]] == graph.successors[nodes[begins[:-1]]], False) & ~repeated
+    copies = np.repeat(ends - begins, ends - begins)
+    copy = everything - np.repeat(begins, ends - begins)
+    slowed = np.repeat(goes_on, ends - begins)
+    keeps = ~slowed | (copy == 0)
+    places = np.cumsum(keeps) - 1.0 + np.where(slowed, copy / copies, 0.0)
+    return np.flatnonzero(keeps), np.interp(evenly, everything, places)
+
+
+def _jumps(times: np.ndarray, jump: np.ndarray) -> np.ndarray:
+    """bool `[shape=(n_frames,)]`: output frames between which and the one before lies a jump, or part of one.
+
+    jump : bool `[shape=(K,)]`, of the nodes that `times` lie among
+    """
+    counts = np.cumsum(jump)
+    before, after = np.floor(times[:-1] + _ROUNDING).astype(int), np.ceil(times[1:] - _ROUNDING).astype(int)
+    return np.append(False, counts[after] > counts[before])
 
 
 def _crossfade_joins(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gesturegen import __version__, files
+from gesturegen import __version__, files, keynodes
 from gesturegen.clips import Speech
 from gesturegen.config import Config
 from gesturegen.errors import DataError
@@ -27,8 +27,9 @@ STILL_SECONDS = 1.0
 
 
 def make_trace(
-    path: SearchPath, graph: MotionGraph, graph_name: str, speech: Speech, key_nodes: KeyNodes, config: Config
-) -> dict:
+    path: SearchPath, graph: MotionGraph, graph_name: str, speech: Speech, key_nodes: KeyNodes, config: Config,
+    variant: int = 1,
+) -> dict:  # fmt: skip
     """Everything needed to explain a clip's frames (README, file formats)."""
     pieces = path.tracks[0].pieces
     stuck = path.failure
@@ -37,6 +38,7 @@ def make_trace(
         "method": config.method,
         "search": config.search,
         "seed": config.seed,
+        "variant": variant,
         "graph": graph_name,
         "references": [
             {"clip": name, "start_node": int(start)}
@@ -52,6 +54,8 @@ def make_trace(
         ],
         "pieces": [_describe_piece(piece) for piece in pieces],
         "joins": _describe_joins(pieces, graph, config),
+        "pauses": _runs(~keynodes.speaking(speech, config.pauses)),
+        "objective": path.objective,
         "failure": stuck
         and {
             "start_frame": stuck.start_frame,
@@ -114,6 +118,7 @@ def _describe_piece(piece: Piece) -> dict:
         "cost": piece.cost,
         "retries": piece.retries,
         "fallback": piece.fallback,
+        "costs": piece.costs,
     }
 
 
@@ -158,7 +163,7 @@ def shown_nodes(trace: Mapping) -> np.ndarray:
     )
 
 
-def manifest(results: Iterable[Mapping], config: Config, folder: Path) -> dict:
+def manifest(results: Iterable[Mapping], config: Config, folder: Path, variant: int = 1) -> dict:
     """What was run, on what, with which figures and file hashes; the same for the same inputs.
 
     results : one row per test clip, of `clip_row`, or with an error in place of figures
@@ -174,6 +179,7 @@ def manifest(results: Iterable[Mapping], config: Config, folder: Path) -> dict:
         "method": config.method,
         "search": config.search,
         "seed": config.seed,
+        "variant": variant,
         "config_hash": config.signature(),
         "n_clips": len(rows),
         "n_failed": sum(row.get("error") is not None for row in rows),
@@ -256,10 +262,14 @@ def _still_stretches(path: Path, motion: Motion) -> list[str]:
     turns = np.degrees(rotation.angle_between(motion.rotations[:-1], motion.rotations[1:]))
     moves = np.abs(np.diff(motion.positions, axis=0))
     still = (turns < STILL_DEGREES).all(axis=1) & (moves < STILL_DISTANCE).all(axis=(1, 2))
-    edges = np.diff(np.concatenate([[False], still, [False]]).astype(int))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     return [
         f"{path}: frames {start} to {end}: no motion for {(end - start) / motion.fps:.1f} s"
-        for start, end in zip(starts, ends, strict=True)
+        for start, end in _runs(still)
         if end - start > STILL_SECONDS * motion.fps
     ]
+
+
+def _runs(marked: np.ndarray) -> list[list[int]]:
+    """First frame and end of every run of marked frames."""
+    edges = np.diff(np.concatenate([[False], marked, [False]]).astype(int))
+    return np.column_stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)]).tolist()

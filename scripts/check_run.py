@@ -9,7 +9,9 @@ anything that gesturegen stored. Prints one line per problem; exits with 1 when 
 from __future__ import annotations
 
 import json
+import math
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import soundfile
@@ -17,6 +19,10 @@ import soundfile
 from gesturegen import files, recordings, submission
 from gesturegen.errors import GesturegenError
 from gesturegen.motion import bvh
+
+END_KINDS = {"beam": ("onset", "keyword", "break"), "global": ("onset", "keyword", "break", "cut")}
+FALLBACKS = {"beam": ("keyword", "discard", "repeat"), "global": ("keyword", "hold", "end")}
+ROUNDING = 1e-9
 
 
 def problems(work: Path, tests: Path, references: Path) -> list[str]:
@@ -47,11 +53,49 @@ def problems(work: Path, tests: Path, references: Path) -> list[str]:
 
 
 def _check_trace(path: Path, frames: int) -> list[str]:
-    """The pieces of a trace cover every output frame once."""
+    """The pieces of a trace cover every output frame once, end as their search lets them, and cost what they say."""
     trace = json.loads(path.read_text())
+    found = []
     ends = [0, *(piece["end_frame"] for piece in trace["pieces"])]
     starts = [*(piece["start_frame"] for piece in trace["pieces"]), frames]
-    return [] if ends == starts else [f"{path}: its pieces do not cover frames 0 to {frames}"]
+    if ends != starts:
+        found.append(f"{path}: its pieces do not cover frames 0 to {frames}")
+    if any(not 0 <= start < end <= frames for start, end in trace["pauses"]):
+        found.append(f"{path}: a pause is not within frames 0 to {frames}")
+    for number, piece in enumerate(trace["pieces"]):
+        found += [f"{path}: piece {number}: {what}" for what in _check_piece(piece, trace["search"])]
+    if (trace["objective"] is not None) != (trace["search"] == "global"):
+        found.append(f"{path}: its objective does not go with search {trace['search']}")
+    elif trace["objective"] is not None:
+        found += [f"{path}: {what}" for what in _check_objective(trace)]
+    return found
+
+
+def _check_piece(piece: dict, search: str) -> Iterator[str]:
+    if piece["end_kind"] not in END_KINDS[search]:
+        yield f"end_kind {piece['end_kind']}"
+    if piece["fallback"] not in (None, *FALLBACKS[search]):
+        yield f"fallback {piece['fallback']}"
+    if not piece["nodes"]:
+        yield "no nodes"
+    if (piece["costs"] is not None) != (search == "global"):
+        yield f"its costs do not go with search {search}"
+    elif piece["costs"] is not None and not math.isclose(
+        piece["cost"], sum(piece["costs"].values()), rel_tol=ROUNDING, abs_tol=ROUNDING
+    ):
+        yield f"its costs sum up to {sum(piece['costs'].values())}, not {piece['cost']}"
+
+
+def _check_objective(trace: dict) -> Iterator[str]:
+    """Both objectives are sums of their terms; the final one is what the pieces cost, and repeats."""
+    for name, terms in trace["objective"].items():
+        total = sum(value for term, value in terms.items() if term != "total")
+        if not math.isclose(terms["total"], total, rel_tol=ROUNDING):
+            yield f"objective {name}: its terms sum up to {total}, not {terms['total']}"
+    final = trace["objective"]["final"]
+    pieces = sum(piece["cost"] for piece in trace["pieces"])
+    if not math.isclose(final["total"] - final["repeats"], pieces, rel_tol=ROUNDING, abs_tol=ROUNDING):
+        yield f"the pieces cost {pieces}, the objective says {final['total'] - final['repeats']}"
 
 
 def main() -> None:

@@ -5,7 +5,8 @@ import numpy as np
 from gesturegen.config import Continuity, load_config
 from gesturegen.graph import motion_graph
 from gesturegen.keynodes import KeyNodes
-from gesturegen.search import beam
+from gesturegen.search import beam, global_search
+from gesturegen.search.path import Target
 from gesturegen.speech import audio
 
 
@@ -16,12 +17,15 @@ def main() -> None:
     audio.detect_onset_peaks(samples, 16000, config.onsets)
     positions = np.cumsum(rng.normal(size=(50, 2, 3)), axis=0).astype(np.float32)
     key_nodes = KeyNodes(np.array([20, 49]), np.array(["onset", "break"]), np.array(["", ""]))
+    # Graphs' arrays are read-only, which is a type of its own to numba.
     graph = motion_graph.from_positions(
         positions, np.array([0]), Continuity(),
         joint_names=("a", "b"), fps=30.0, clip_names=("noise",), clip_starts=np.array([0]),
-        source_frames=np.arange(50), key_nodes=key_nodes,
+        source_frames=np.arange(50), key_nodes=key_nodes, speaking=np.arange(50) < 40,
     )  # fmt: skip
     beam.search(graph, graph.stop_nodes(None), np.array([0]), 20, config.beam)
+    targets = [Target(0, 20, "onset"), Target(20, 40, "break")]
+    global_search.search(graph, targets, np.arange(40) < 30, config)
 
 
 if __name__ == "__main__":

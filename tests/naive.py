@@ -318,3 +318,177 @@ def crossfade(rotations, positions, seams, l_blend: int):
             for joint in range(rotations.shape[1]):
                 rotations[frame, joint] = slerp(before[0][left, joint], before[0][right, joint], weight)
     return rotations, positions
+
+
+# --- pauses and the global search ---------------------------------------------------------------------------
+
+
+def pauses(heard, n_frames: int, limit: float) -> str:
+    """`S` for each frame, `.` for those in a run of over `limit` frames that are not in `heard`."""
+    states = ""
+    for frame in range(n_frames):
+        run = [frame] if frame not in heard else []
+        while run and run[0] - 1 not in heard and run[0] > 0:
+            run.insert(0, run[0] - 1)
+        while run and run[-1] + 1 not in heard and run[-1] < n_frames - 1:
+            run.append(run[-1] + 1)
+        states += "." if len(run) > limit + 1e-6 else "S"
+    return states
+
+
+class Objective:
+    """What the paths of a graph through consecutive targets of a test speech cost (see `search/objective.py`).
+
+    A path is a list of nodes for every target. Prices come as (term, cost) rows, nothing is looked up but the
+    graph's positions, segments, edges, key nodes and states.
+    """
+
+    def __init__(self, graph, targets, speaking, config):
+        self.settings, self.targets, self.speaking = config.global_search, targets, speaking
+        self.n_nodes = graph.n_nodes
+        self.resting = {node for node in range(graph.n_nodes) if not graph.speaking[node]}
+        self.last = [end for _, end in segments(graph.segment_starts, graph.n_nodes)]
+        # Natural edges cost nothing whatever the graph says, and are there in any case.
+        self.edges = {pair: weight for pair, weight in edges_of(graph).items() if pair[1] != self.onwards(pair[0])}
+        self.children = [[] for _ in range(graph.n_nodes)]
+        for left, right in sorted(self.edges):
+            self.children[left].append(right)
+        for node in range(graph.n_nodes):
+            self.children[node] += [node] if self.onwards(node) == node else [node, node + 1]
+        key = graph.key_nodes
+        self.rows = set(zip(key.frames.tolist(), key.kinds.tolist(), key.keywords.tolist(), strict=True))
+        self.key_nodes = set(self.last) | {node for node, _, _ in self.rows}
+        poses, velocities = poses_and_velocities(graph.positions, graph.segment_starts)
+        self.distances = [
+            distances_from(node, poses, velocities, config.continuity).tolist() for node in range(graph.n_nodes)
+        ]
+
+    def onwards(self, node: int) -> int:
+        return node + 1 if node < self.last[node] else node
+
+    def counts(self, target) -> range:
+        """How many nodes a piece may have."""
+        ratios = self.settings.min_ratio, self.settings.max_ratio
+        low, high = (Fraction(str(ratio)) * target.length for ratio in ratios)
+        slack = self.settings.slack_frames
+        shortest = max(1, min(math.ceil(low), target.length - slack))
+        return range(shortest, max(math.floor(high), target.length + slack) + 1)
+
+    def speaks(self, target, k: int) -> bool:
+        return bool(self.speaking[target.start_frame + min(k, target.length - 1)])
+
+    def held(self, node: int, speaks: bool) -> tuple[str, float]:
+        resting = node in self.resting and not speaks
+        return "held", self.settings.lambda_rest if resting else self.settings.lambda_hold
+
+    def shown(self, target, k: int, node: int):
+        return [("state", self.settings.lambda_state)] if self.speaks(target, k) == (node in self.resting) else []
+
+    def step(self, target, k: int, node: int, other: int):
+        """From the k-th node of a piece to the next."""
+        if other == node:
+            return [self.held(node, self.speaks(target, k + 1))]
+        rows = []
+        if other != self.onwards(node):
+            rows.append(("edges", self.settings.lambda_w * self.edges[node, other]))
+        if node in self.key_nodes and self.speaks(target, k):
+            rows.append(("passed", self.settings.lambda_pass))
+        return rows
+
+    def end(self, target, count: int, node: int):
+        """Of a piece of `count` nodes that ends at `node`."""
+        rows = [("length", self.settings.lambda_len * abs(1.0 - count / target.length))]
+        if target.end_kind == "cut":
+            return rows
+        meets = target.keyword != "" and (node, "keyword", target.keyword) in self.rows
+        if not meets and node != self.last[node] and (node, "onset", "") not in self.rows:
+            rows.append(("end", self.settings.lambda_end))
+        if target.keyword and not meets:
+            rows.append(("keyword", self.settings.lambda_keyword))
+        return rows
+
+    def join(self, node: int, other: int, frame: int):
+        """From the last node of a piece to the first of the next, which begins at `frame`."""
+        rows = [("joins", self.settings.lambda_join * self.distances[self.onwards(node)][other])]
+        return rows + ([self.held(node, bool(self.speaking[frame]))] if other == node == self.last[node] else [])
+
+    def cost(self, path, used=None, entering=None, before: int = -1, after: int = -1) -> dict[str, float]:
+        """A complete path's cost by term, and `total`, their sum.
+
+        used : a price of every frame that shows a node; entering : of coming to it, once in a piece that holds it
+        before, after : nodes shown before and after the targets, of which the joins count; -1 for none
+        """
+        rows = []
+        shown = [before]
+        for target, nodes in zip(self.targets, path, strict=True):
+            if shown[-1] >= 0:
+                rows += self.join(shown[-1], nodes[0], target.start_frame)
+            for k, node in enumerate(nodes):
+                rows.append(("used", 0.0 if used is None else used[node]))
+                rows.append(("entering", 0.0 if entering is None or (k and node == shown[-1]) else entering[node]))
+                shown.append(node)
+                rows += self.shown(target, k, node)
+                if k + 1 < len(nodes):
+                    rows += self.step(target, k, node, nodes[k + 1])
+            rows += self.end(target, len(nodes), nodes[-1])
+        if after >= 0:
+            rows += self.join(shown[-1], after, self.targets[-1].end_frame)
+        stays = [node for nodes in path for node, _ in itertools.groupby(nodes)]
+        for one, other in itertools.combinations(stays, 2):
+            rows += [("repeats", self.settings.lambda_repeat)] if one == other else []
+        names = "edges", "length", "passed", "state", "held", "end", "keyword", "joins", "repeats", "used", "entering"
+        terms = {name: float(sum(price for term, price in rows if term == name)) for name in names}
+        return terms | {"total": sum(terms.values())}
+
+    def all_paths(self):
+        """Every path there is."""
+
+        def pieces(target, nodes):
+            if len(nodes) in self.counts(target):
+                yield nodes
+            if len(nodes) < self.counts(target)[-1]:
+                for child in self.children[nodes[-1]]:
+                    yield from pieces(target, [*nodes, child])
+
+        choices = [
+            [nodes for start in range(self.n_nodes) for nodes in pieces(target, [start])] for target in self.targets
+        ]
+        return itertools.product(*choices)
+
+    def cheapest(self, used=None, entering=None, before: int = -1, after: int = -1) -> float:
+        """The least `cost` without repeats, frame by frame from the start: the cheapest way to every node."""
+
+        def price(rows):
+            return sum(cost for _, cost in rows)
+
+        def coming(node, last=None):
+            return 0.0 if entering is None or node == last else float(entering[node])
+
+        def showing(node):
+            return 0.0 if used is None else float(used[node])
+
+        lasts = {before: 0.0}
+        for target in self.targets:
+            ways = {
+                node: min(
+                    cost + coming(node) + (price(self.join(last, node, target.start_frame)) if last >= 0 else 0.0)
+                    for last, cost in lasts.items()
+                )
+                for node in range(self.n_nodes)
+            }
+            lasts = {}
+            for k in range(self.counts(target)[-1]):
+                ways = {node: cost + showing(node) + price(self.shown(target, k, node)) for node, cost in ways.items()}
+                if k + 1 in self.counts(target):
+                    for node, cost in ways.items():
+                        lasts[node] = min(lasts.get(node, math.inf), cost + price(self.end(target, k + 1, node)))
+                further = {}
+                for node, cost in ways.items():
+                    for child in self.children[node]:
+                        way = cost + price(self.step(target, k, node, child)) + coming(child, node)
+                        further[child] = min(further.get(child, math.inf), way)
+                ways = further
+        if after >= 0:
+            frame = self.targets[-1].end_frame
+            lasts = {node: cost + price(self.join(node, after, frame)) for node, cost in lasts.items()}
+        return min(lasts.values())

@@ -3,6 +3,8 @@
 import csv
 import json
 import math
+import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -10,11 +12,16 @@ import numpy as np
 import pytest
 
 from gesturegen import clips
-from gesturegen.ablation import causes, summary, tables
+from gesturegen.ablation import causes, reference_length, summary, tables
 from gesturegen.ablation.plan import SHARED, load_plan
 from gesturegen.config import load_config
 from gesturegen.errors import ConfigError
-from scripts.check_ablation import broken_guarantees, differences
+from gesturegen.graph import motion_graph
+from gesturegen.keynodes import speaking
+from gesturegen.pipeline.ablate import shared_graphs
+from gesturegen.search import objective
+from gesturegen.search.path import Piece, Target
+from scripts.check_ablation import broken_guarantees, differences, reproducible
 from tests import tiny
 from tests.builders import bursts, chain, refused, write_audio, write_clip
 from tests.commands import run, tree
@@ -158,11 +165,30 @@ def test_the_mechanism_holds(table):
     assert list(broken_guarantees(table)) == []
 
 
-def test_bytes_do_not_depend_on_the_number_of_workers(finished, recorded, prepared):
+def without_times(written: dict[str, bytes], printed: str) -> dict:
+    """All that an ablation writes and prints but for how long its searches took, which no second run repeats."""
+    left = dict(written)
+    left["ablation.json"] = reproducible(json.loads(written["ablation.json"]))
+    rows = csv.DictReader(written["ablation.csv"].decode().splitlines())
+    left["ablation.csv"] = [{key: cell for key, cell in row.items() if key != summary.MEASURED_TIME} for row in rows]
+    title = re.escape(summary.TIME_BLOCK)
+    left["ablation.md"], markdown = re.subn(rf"## {title}\n\n(\|.*\n)+", "", written["ablation.md"].decode())
+    left["printed"], terminal = re.subn(rf"\[{title}\]\n(.+\n)+", "", printed)
+    assert markdown == terminal == 1
+    return left
+
+
+def test_bytes_do_not_depend_on_the_number_of_workers_but_for_the_search_time(finished, recorded, prepared):
     result = run("ablate", "--config", finished[0], "--data", recorded, "--work", prepared, "-j", 2)
     assert result.exit_code == 0, result.output
-    assert {path.name: path.read_bytes() for path in (prepared / "ablation").iterdir()} == finished[2]
-    assert result.output == finished[1]
+    written = {path.name: path.read_bytes() for path in (prepared / "ablation").iterdir()}
+    assert without_times(written, result.output) == without_times(finished[2], finished[1])
+
+
+def test_the_search_time_is_measured(table):
+    for row in table["clips"]:
+        assert (row["search_seconds"] is None) == bool(row["failure"])
+        assert row["failure"] or 0.0 < row["search_seconds"] < 60.0
 
 
 def test_keep_leaves_what_reenact_writes_and_the_figures_are_those_of_evaluate(table, recorded, prepared, tmp_path):
@@ -207,6 +233,141 @@ def test_without_truth_syn_is_empty(recorded, prepared, tmp_path):
     assert json.loads((work / "ablation/ablation.json").read_text())["setups"]["full"]["mean"]["syn"] is None
 
 
+# --- the objective ------------------------------------------------------------------------------------------
+
+
+def test_the_objective_is_the_global_searchs_for_every_setup(recorded, prepared, tmp_path):
+    """By the base's prices and pauses: those of a setup of its own change nothing."""
+    setups = {
+        "beam": "",
+        "other_prices": "global_search: {lambda_join: 50}",
+        "global": "search: global",
+    }
+    plan = write_plan(tmp_path / "plan", setups, seeds=[0])
+    options = ("--data", recorded, "--work", prepared, "-j", 1)
+    assert run("ablate", "--config", plan, *options, "--keep").exit_code == 0
+    rows = {(r["setup"], r["clip"]): r for r in json.loads((prepared / "ablation/ablation.json").read_text())["clips"]}
+    base = load_plan(plan).base
+    for clip in ("tst_a", "tst_b"):
+        trace = json.loads((prepared / f"ablation/global/0/{clip}.trace.json").read_text())
+        assert rows["global", clip]["objective"] == pytest.approx(trace["objective"]["final"]["total"])
+        trace = json.loads((prepared / f"ablation/beam/0/{clip}.trace.json").read_text())
+        graph = motion_graph.load(prepared / f"ablation/beam/graphs/{trace['graph']}.npz")
+        pieces = [
+            Piece(
+                Target(p["start_frame"], p["end_frame"], p["end_kind"], p["keyword"]), np.array(p["nodes"]), p["cost"]
+            )
+            for p in trace["pieces"]
+        ]
+        prices = objective.PriceList(graph, base.global_search, base.continuity)
+        speech = clips.load(prepared / f"clips/{clip}.npz", base, with_motion=False).test_speech(base)
+        total = objective.total(pieces, prices, speaking(speech, base.pauses))["total"]
+        assert rows["beam", clip]["objective"] == pytest.approx(total)
+        assert rows["other_prices", clip]["objective"] == pytest.approx(total)
+        assert rows["global", clip]["objective"] < total
+
+
+# --- references cut to a length -----------------------------------------------------------------------------
+
+LENGTHS = {
+    f"{name}_{search}": f"references: {{seconds: {seconds}}}\nsearch: {search}"
+    for name, seconds in (("2s", 2), ("6s", 6), ("all", "null"))
+    for search in ("beam", "global")
+}
+
+
+@pytest.fixture(scope="module")
+def by_length(recorded, prepared, tmp_path_factory) -> Path:
+    """The work folder of an ablation of reference lengths."""
+    work = tmp_path_factory.mktemp("lengths") / "work"
+    shutil.copytree(prepared, work)
+    folder = tmp_path_factory.mktemp("plan")
+    (folder / "base.yaml").write_text("references: {mode: all}\n")
+    plan = write_plan(folder, LENGTHS, base="base.yaml", seeds=[0])
+    result = run("ablate", "--config", plan, "--data", recorded, "--work", work, "-j", 1, "--keep")
+    assert result.exit_code == 0, result.output
+    return work
+
+
+def test_setups_may_cut_their_references(by_length):
+    table = json.loads((by_length / "ablation/ablation.json").read_text())
+    for row in table["clips"]:
+        names, seconds = {"2s": ("a", 2.0), "6s": ("ab", 6.0), "all": ("abc", 12.0)}[row["setup"].split("_")[0]]
+        assert row["references"] == [f"trn_{name}" for name in names]
+        assert row["reference_seconds"] == pytest.approx(seconds)
+    shares = {name: setup["mean"]["utilisation"] for name, setup in table["setups"].items()}
+    assert shares["2s_beam"] == pytest.approx(2 / 12) and shares["6s_global"] == pytest.approx(0.5)
+    assert shares["all_beam"] == pytest.approx(1.0)
+
+
+def test_setups_of_one_length_share_their_graph(by_length):
+    for length in ("2s", "6s", "all"):
+        beam, other = (
+            {path.name: path.read_bytes() for path in (by_length / f"ablation/{length}_{search}/graphs").iterdir()}
+            for search in ("beam", "global")
+        )
+        assert beam == other and len(beam) == 1
+
+
+def test_a_graph_is_built_once_for_all_setups_of_its_settings(recorded, prepared, tmp_path):
+    setups = {"beam": "", "global": "search: global", "inertialize": "blend: {method: inertialize}",
+              "pruned": "continuity: {l_pn: 1}"}  # fmt: skip
+    plan = load_plan(write_plan(tmp_path, setups))
+    chosen = {(setup, seed): {"tst_a": ("trn_a",), "tst_b": ("trn_b",)} for setup in setups for seed in plan.seeds}
+    groups = shared_graphs(plan, chosen)
+    assert groups == {
+        (setup, (clip,)): "pruned" if setup == "pruned" else "beam" for setup in setups for clip in ("trn_a", "trn_b")
+    }
+
+
+def test_the_figures_by_reference_length(by_length):
+    found = json.loads((by_length / "ablation/reference_length.json").read_text())
+    table = json.loads((by_length / "ablation/ablation.json").read_text())
+    assert found["signature"] == table["signature"] and list(found["lines"]) == ["beam", "global"]
+    for search, points in found["lines"].items():
+        assert [point["setup"] for point in points] == [f"{name}_{search}" for name in ("2s", "6s", "all")]
+        assert [point["asked_seconds"] for point in points] == [2.0, 6.0, None]
+        assert [point["reference_seconds"] for point in points] == pytest.approx([2.0, 6.0, 12.0])
+        for point in points:
+            rows = [row for row in table["clips"] if row["setup"] == point["setup"]]
+            # Two tests of two seconds each.
+            total = sum(row["join_distance_sum"] for row in rows)
+            assert point["join_distance_per_minute"] == pytest.approx(total * 60.0 / 4.0)
+            used = [row["reference_share"] * point["reference_seconds"] for row in rows]
+            assert point["used_seconds"] == pytest.approx(np.mean(used))
+
+
+def test_without_lengths_there_is_no_such_file(finished, by_length, recorded, tmp_path):
+    assert "reference_length.json" not in finished[2]
+    work = Path(shutil.copytree(by_length, tmp_path / "work"))
+    plan = write_plan(tmp_path / "plan", {"full": ""}, seeds=[0])
+    assert run("ablate", "--config", plan, "--data", recorded, "--work", work, "-j", 1).exit_code == 0
+    assert not (work / "ablation/reference_length.json").exists(), "an older one is not of this table"
+
+
+def test_a_length_without_an_output_has_no_figures():
+    stuck = {"setup": "a", "failure": 1, "seconds": 2.0, "reference_seconds": 4.0, "reference_share": math.nan}
+    result = summary.Result({}, 1, {}, [stuck])
+    (point,) = reference_length.table({"a": load_config(None, ["references.seconds=4"])}, result)["lines"]["beam"]
+    assert point["reference_seconds"] == 4.0
+    assert point["join_distance_per_minute"] is None and point["used_seconds"] is None
+
+
+def test_two_lines_of_one_search_are_called_after_their_first_setup():
+    settings = {
+        "a": ["references.seconds=4"],
+        "b": ["references.seconds=9"],
+        "c": ["references.seconds=4", "blend.method=inertialize"],
+        "d": ["references.seconds=4", "search=global"],
+    }
+    configs = {name: load_config(None, overrides) for name, overrides in settings.items()}
+    rows = [{"setup": name, "failure": 1, "seconds": 2.0, "reference_seconds": 4.0} for name in configs]
+    lines = reference_length.table(configs, summary.Result({}, 1, {}, rows))["lines"]
+    assert {name: [p["setup"] for p in points] for name, points in lines.items()} == {
+        "a": ["a", "b"], "c": ["c"], "global": ["d"],
+    }  # fmt: skip
+
+
 # --- the figures, by hand -----------------------------------------------------------------------------------
 
 
@@ -216,12 +377,13 @@ def hand_row(**figures) -> dict:
 
 def test_a_runs_figures_by_hand():
     rows = [
-        hand_row(syn=1.0, pieces=10, retries=3),
-        hand_row(syn=2.0, pieces=20, retries=4),
+        hand_row(syn=1.0, pieces=10, retries=3, max_uses=2, fallback_hold=1),
+        hand_row(syn=2.0, pieces=20, retries=4, max_uses=7, fallback_hold=2),
         hand_row(syn=math.nan, pieces=math.nan, failure=1, graph="b", references=["b"], unnatural_edges=7),
     ]
     figures = summary.run_figures(rows, {"a": 10.0, "b": 20.0, "c": 30.0}, 120.0)
     assert figures["syn"] == 1.5 and figures["pieces"] == 30 and figures["retries"] == 7 and figures["failure"] == 1
+    assert figures["max_uses"] == 7 and figures["fallback_hold"] == 3
     assert figures["unnatural_edges"] == 12, "each graph counts once"
     assert figures["utilisation"] == 0.25
     assert math.isnan(figures["div"])
@@ -287,6 +449,22 @@ def test_the_papers_setups_change_what_the_paper_says():
     assert load_plan().signature == plan.signature, "without --config it is the paper's"
 
 
+def test_the_plans_beyond_the_paper():
+    plan = load_plan(TOP / "configs/comparison.yaml")
+    assert plan.seeds == (0, 1, 2) and plan.base.signature() == load_config().signature()
+    assert {name: (config.search, config.blend.method) for name, config in plan.setups.items()} == {
+        "beam": ("beam", "crossfade"), "beam_inertialize": ("beam", "inertialize"),
+        "global": ("global", "crossfade"), "global_inertialize": ("global", "inertialize"),
+        "best": ("global", "least_jerk"),
+    }  # fmt: skip
+    # What it calls best is what we recommend.
+    assert plan.setups["best"].signature() == load_config(TOP / "configs/best.yaml").signature()
+    plan = load_plan(TOP / "configs/reference_length.yaml")
+    assert plan.base.references.mode == "all" and plan.base.references.seconds is None
+    minutes = [(config.references.seconds / 60, config.search) for config in plan.setups.values()]
+    assert minutes == [(length, search) for length in (0.5, 1, 2, 5, 10, 20, 60) for search in ("beam", "global")]
+
+
 def test_base_set_and_setup_are_layered_in_this_order(tmp_path):
     (tmp_path / "mine.yaml").write_text("continuity: {l_pn: 3, l_cn: 4}\nseed: 9\n")
     path = write_plan(tmp_path, {"one": "continuity: {l_pn: 1}", "two": ""}, base="mine.yaml")
@@ -315,6 +493,10 @@ BAD_PLANS = {
         r"weak\.yaml:1: continuity\.l_pn: found",
     ),
     "a setup on other data": ({"setups": {"weak": "blacklist: [a]"}}, r"weak\.yaml:1: blacklist: all setups must"),
+    "a setup with its own references": (
+        {"setups": {"weak": "references: {seconds: 9, mode: all}"}},
+        r"weak\.yaml:1: references\.mode: all setups must",
+    ),
     "a setup with other clips": ({"setups": {"weak": "onsets: {hop_length: 9}"}}, "onsets.hop_length: all setups must"),
     "a key that stands twice": ({"setups": {"weak": "resample: nearest\nresample: nearest"}}, r":2: .* stands twice"),
     "no such setup file": ({"files": ["nowhere.yaml"]}, r"ablation\.yaml:2: setups: .*nowhere\.yaml does not exist"),
@@ -354,8 +536,6 @@ def test_other_data_than_was_preprocessed(recorded, prepared):
 
 
 def test_a_clip_that_fails_stops_the_table(recorded, prepared, tmp_path):
-    import shutil
-
     work = Path(shutil.copytree(prepared, tmp_path / "work"))
     (work / "clips/tst_a.npz").write_bytes(b"torn")
     shutil.rmtree(work / "ablation", ignore_errors=True)

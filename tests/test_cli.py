@@ -397,8 +397,8 @@ def test_a_bug_keeps_its_traceback_and_harms_no_other_clip(finished, recorded, t
 
     search = motion_graph.search
 
-    def broken(graph, speech, config, rng):
-        return search(graph, None if speech.name == "tst_b" else speech, config, rng)
+    def broken(graph, speech, config, rng, earlier=()):
+        return search(graph, None if speech.name == "tst_b" else speech, config, rng, earlier)
 
     monkeypatch.setattr(motion_graph, "search", broken)
     work = Path(shutil.copytree(finished, tmp_path / "work"))

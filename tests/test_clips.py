@@ -1,14 +1,16 @@
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from gesturegen import clips, files, recordings
 from gesturegen.clips import Recording, Speech
-from gesturegen.config import load_config
+from gesturegen.config import Paths, References, load_config
 from gesturegen.errors import ConfigError, DataError
 from gesturegen.motion import bvh, rotation
 from gesturegen.motion.skeleton import Motion
+from gesturegen.pipeline import common
 from gesturegen.speech.transcript import Word
 from tests.builders import (
     chain,
@@ -614,6 +616,62 @@ def test_the_draw_depends_on_the_seed_and_on_names_alone(tmp_path):
     shuffled = dict(reversed(REFERENCES.items()))
     assert first == choose(tmp_path, "seed=1", tests=TESTS[::-1], references=shuffled)
     assert len({str(choose(tmp_path, f"seed={seed}")) for seed in range(6)}) > 1
+
+
+SECONDS = {name: 10.0 for name in REFERENCES}
+
+
+def choose_within(tmp_path, seconds, *overrides, **options):
+    """The choice for one test or more, with references of ten seconds each."""
+    options = {"tests": TESTS[:1], "speakers": {TESTS[0]: "1"}, "references": REFERENCES} | options
+    config = settings_for(tmp_path, *overrides, f"references.seconds={seconds}")
+    return recordings.choose_references(options["tests"], options["references"], options["speakers"], config, SECONDS)
+
+
+@pytest.mark.parametrize(("seconds", "count"), [(0.001, 1), (5, 1), (10, 1), (10.01, 1), (10.1, 2), (25, 3), (99, 4)])
+def test_references_are_taken_until_they_last_as_long(tmp_path, seconds, count):
+    (hand,) = choose_within(tmp_path, seconds, "references.mode=all").values()
+    assert hand == tuple(sorted(REFERENCES))[:count], "to half a frame"
+
+
+def test_every_mode_takes_references_in_its_own_order(tmp_path):
+    (hand,) = choose_within(tmp_path, 12, "references.mode=speaker").values()
+    assert hand == ("trn_0_main-agent", "trn_1_main-agent")
+    (tmp_path / "pins.yaml").write_text(f"{TESTS[0]}: [trn_2, trn_0, trn_1]\n")
+    (hand,) = choose_within(tmp_path, 12, f"references={{mode: list, list: {tmp_path / 'pins.yaml'}}}").values()
+    assert hand == ("trn_2_main-agent", "trn_0_main-agent")
+    for seed in range(5):
+        drawn = choose_within(tmp_path, 40, "references={mode: k, k: 3}", f"seed={seed}", tests=TESTS)
+        fewer = choose_within(tmp_path, 20, "references={mode: k, k: 3}", f"seed={seed}", tests=TESTS)
+        whole = choose(tmp_path, "references={mode: k, k: 3}", f"seed={seed}")
+        for test in TESTS:
+            assert fewer[test] == drawn[test][:2] and tuple(sorted(drawn[test])) == whole[test]
+    assert choose_within(tmp_path, 3) == choose(tmp_path, tests=TESTS[:1])
+
+
+def test_no_more_frames_are_loaded_than_the_references_may_last(tmp_path, prepare):
+    clip, config = prepare()
+    work = tmp_path / "work"
+    for name in ("a", "b"):
+        clips.save(work / f"clips/{name}.npz", replace(clip, name=name), config)
+
+    def lengths(seconds) -> list[int]:
+        cut = config.model_copy(
+            update={"paths": Paths(work=str(work)), "references": References(mode="all", seconds=seconds)}
+        )
+        loaded = common.load_references(cut, ("a", "b"))
+        for reference in loaded:
+            frames = reference.motion.n_frames
+            assert len(reference.source_frames) == frames and reference.segment_starts.max() < frames
+            np.testing.assert_array_equal(reference.motion.positions, clip.motion.positions[:frames])
+            np.testing.assert_array_equal(reference.source_frames, clip.source_frames[:frames])
+        return [reference.motion.n_frames for reference in loaded]
+
+    frames = clip.motion.n_frames
+    assert lengths(None) == lengths(1000.0) == [frames, frames]
+    assert lengths((frames + 7) / config.fps) == [frames, 7]
+    # A motion that is longer than its sound may leave nothing for the next.
+    assert lengths((frames - 3) / config.fps) == [frames - 3, 1]
 
 
 def test_k_distinct_references_each_and_all_used_evenly(tmp_path):

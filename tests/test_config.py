@@ -75,7 +75,8 @@ def test_a_config_is_frozen():
 
 def test_every_config_that_comes_with_gesturegen_loads():
     paths = sorted(configs_folder().glob("*.yaml"))
-    others = {"keywords.yaml", "ablation.yaml"}  # a list of words, and a plan of runs
+    # A list of words, and plans of runs.
+    others = {"keywords.yaml", "ablation.yaml", "comparison.yaml", "reference_length.yaml"}
     assert others <= {path.name for path in paths}
     for path in paths:
         if path.name not in others:
@@ -346,11 +347,13 @@ ANOTHER = {
     "features.l_feat": None,  # changes with w_full, below
     "features.w_full": [1.0] * 9 + [0.3],
     "beam.max_ratio": 1.5,
+    "global_search.max_ratio": 1.5,
     "evaluation.frechet_windows": [30],
     "breaks.max_joint_speed": 100,
     "data.truth_split": "val",
     "references.list": "a.yaml",
     "references.mode": "all",
+    "references.seconds": 30,
 }
 
 

@@ -8,6 +8,8 @@ from gesturegen.clips import Speech
 from gesturegen.graph import motion_graph
 from gesturegen.keynodes import of_speech
 from gesturegen.metrics import beats, frechet, genea, synchrony
+from gesturegen.metrics.feet import FootSkate
+from gesturegen.render import render
 from gesturegen.search.path import Path, Piece, Target, Track
 from tests import tiny
 
@@ -128,3 +130,116 @@ def test_compat_rows_and_total():
     rows, total = evaluation.genea_compat(clips, {"a": clips["b"]})
     assert np.isnan(rows["b"]["hellinger_1"]) and rows["a"]["hellinger_1"] == total["hellinger_1"] > 0
     assert total["jerk"] == pytest.approx((rows["a"]["jerk"] + rows["b"]["jerk"]) / 2)
+
+
+# --- feet, wrists and pauses --------------------------------------------------------------------------------
+
+ON_FEET = tiny.skeleton(("b_root", "b_spine0", "b_r_wrist", "b_l_foot", "b_r_foot"), (-1, 0, 1, 0, 0))
+WRISTS = tiny.config(wrists={"enabled": False, "joints": ("b_r_wrist",)})
+
+
+@pytest.fixture
+def walked():
+    return tiny.motion(np.random.default_rng(4), 120, ON_FEET)
+
+
+def measured(shown, graph, trace, config=WRISTS, **given):
+    return evaluation.measure_clip(evaluation.locate(shown, config), config, trace=trace, graph=graph, **given)
+
+
+def played(moved, pieces, onsets=(10,)):
+    """Measures of the frames of `moved` that the pieces show, as they are."""
+    graph, trace = traced(moved, pieces, onsets)
+    return measured(moved.take(submission.shown_nodes(trace)), graph, trace)
+
+
+def test_foot_skate_of_several_motions_is_weighted_by_their_contact():
+    skates = [(FootSkate(2.0, 0.5), 100), (FootSkate(8.0, 1.0), 25)]
+    assert evaluation.mean_foot_skate(skates) == pytest.approx((2.0 * 50 + 8.0 * 25) / 75)
+    nothing = FootSkate(float("nan"), float("nan"))
+    assert evaluation.mean_foot_skate([*skates, (nothing, 1000)]) == evaluation.mean_foot_skate(skates)
+    # A foot that touches the floor now and then, never for two frames on end.
+    assert evaluation.mean_foot_skate([*skates, (FootSkate(float("nan"), 0.2), 9)]) == pytest.approx(4.0)
+    assert np.isnan(evaluation.mean_foot_skate([])) and np.isnan(evaluation.mean_foot_skate([(nothing, 9)]))
+
+
+def test_foot_skate_is_set_against_the_references(walked):
+    joints = evaluation.locate(walked, WRISTS)
+    row = evaluation.measure_clip(joints, WRISTS, reference_skate=4.0)
+    assert row["foot_skate"] == evaluation.foot_skate(joints).speed > 0
+    assert row["foot_skate_ratio"] == pytest.approx(row["foot_skate"] / 4.0)
+    assert 0 < row["foot_contact_share"] <= 1
+    for unknown in (0.0, float("nan")):
+        row = evaluation.measure_clip(joints, WRISTS, reference_skate=unknown)
+        assert row["foot_skate"] > 0 and np.isnan(row["foot_skate_ratio"])
+
+
+def test_without_feet_there_is_no_skate(moved):
+    row = evaluation.measure_clip(evaluation.locate(moved, WRISTS), WRISTS, reference_skate=4.0)
+    assert np.isnan([row["foot_skate"], row["foot_skate_ratio"], row["foot_contact_share"]]).all()
+
+
+def test_the_reference_played_as_it_is(walked):
+    reference = tiny.reference(walked, onsets=(19, 39))
+    pieces = [(0, 10, range(30, 40)), (10, 40, range(40, 70))]
+    graph, trace = traced(walked, pieces)
+    shown = render(path_of(pieces), [reference], graph, WRISTS)
+    row = measured(shown, graph, trace)
+    # The first frame has no speed here, but one in the recording.
+    assert row["wrist_speed_ratio"] == pytest.approx(1.0, abs=0.05)
+    assert np.isnan([row["seam_jerk"], row["seam_jerk_wrists"]]).all()
+    assert row["hard_joins_per_minute"] == row["join_distance_sum"] == 0
+    # From node 0 on the frames that count are the same on both sides.
+    assert played(walked, [(0, 40, range(40))])["wrist_speed_ratio"] == pytest.approx(1.0, abs=1e-5)
+
+
+def test_wrists_at_half_their_recorded_speed(walked):
+    graph, trace = traced(walked, [(0, 199, range(100))])
+    shown = render(path_of([(0, 199, range(100))]), [tiny.reference(walked)], graph, WRISTS)
+    assert measured(shown, graph, trace)["wrist_speed_ratio"] == pytest.approx(0.5, abs=0.05)
+
+
+def test_join_distances_are_summed(walked):
+    pieces = [(0, 10, range(10, 20)), (10, 30, range(50, 70)), (30, 40, range(70, 80)), (40, 50, range(10))]
+    graph, _ = traced(walked, pieces)
+    jumps = graph.distances([20, 80], [50, 0], WRISTS.continuity)
+    row = played(walked, pieces)
+    assert row["join_distance_sum"] == pytest.approx(jumps.sum())
+    assert row["join_distance_max"] == pytest.approx(jumps.max())
+
+
+def test_pauses_are_shown_with_pauses_of_the_reference(walked):
+    # The reference speaks at nodes 19 and 39 only, the test speech at frame 10; the ten frames before are no pause.
+    row = played(walked, [(0, 10, range(10)), (10, 40, range(10, 40))])
+    assert row["pause_share"] == pytest.approx(27 / 29)
+    wrist = evaluation.locate(walked, WRISTS).relative[:, 2]
+    steps = 30 * np.linalg.norm(np.diff(wrist, axis=0), axis=1)
+    assert row["pause_speed"] == pytest.approx(steps[10:39].mean())
+    resting = np.delete(steps, [18, 38])
+    assert row["pause_speed_ratio"] == pytest.approx(steps[10:39].mean() / resting.mean(), rel=1e-5)
+
+
+def test_the_pauses_of_the_test_speech_may_be_none(walked):
+    row = played(walked, [(0, 10, range(10)), (10, 40, range(10, 40))], onsets=(8, 16, 24, 32))
+    assert np.isnan([row["pause_share"], row["pause_speed"], row["pause_speed_ratio"]]).all()
+    assert row["wrist_speed_ratio"] > 0
+
+
+def test_the_pauses_of_the_reference_may_be_none(walked):
+    reference = tiny.reference(walked, onsets=range(0, 120, 9))
+    graph = motion_graph.build([reference], WRISTS)
+    assert graph.speaking.all()
+    _, trace = traced(walked, [(0, 10, range(10)), (10, 40, range(10, 40))])
+    row = measured(walked.take(slice(0, 40)), graph, trace)
+    assert np.isnan([row["pause_share"], row["pause_speed_ratio"]]).all() and row["pause_speed"] > 0
+
+
+def test_without_wrists_there_are_no_speeds(walked):
+    nobody = tiny.config(wrists={"enabled": False, "joints": ("left_hand",)})
+    pieces = [(0, 10, range(10)), (10, 40, range(50, 80))]
+    graph, trace = traced(walked, pieces)
+    row = measured(walked.take(submission.shown_nodes(trace)), graph, trace, nobody)
+    wrists = ("wrist_speed_ratio", "pause_speed", "pause_speed_ratio", "seam_jerk_wrists")
+    assert np.isnan([row[key] for key in wrists]).all()
+    # What is shown in pauses is known without any joint.
+    assert row["pause_share"] == 1 and row["seam_jerk"] > 0

@@ -1,4 +1,4 @@
-"""From a path to motion: frame counts, joins, resampling, the root, inertialization, fingers."""
+"""From a path to motion: frame counts, joins, resampling, holds, the root, blending, feet, fingers."""
 
 import itertools
 
@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter1d
 
 from gesturegen.graph.motion_graph import build
-from gesturegen.motion import kinematics, rotation
+from gesturegen.metrics.feet import foot_skate
+from gesturegen.motion import blend, kinematics, rotation
 from gesturegen.motion.skeleton import Motion
 from gesturegen.render import render
 from gesturegen.search.path import resampled_indices
 from tests import naive, tiny
+from tests.builders import make_skeleton
 
 RECORDED = {"root": {"mode": "absolute"}, "blend": {"l_blend": 0}}
 STEADY = {"root": {"mode": "return"}, "blend": {"l_blend": 0}}
@@ -39,7 +42,7 @@ def random_motions(seed, *frames):
     frames=st.lists(st.integers(1, 20), min_size=1, max_size=3),
     lengths=st.lists(st.tuples(st.integers(1, 12), st.integers(1, 12)), min_size=1, max_size=6),
     blend=st.fixed_dictionaries({
-        "method": st.sampled_from(["crossfade", "inertialize"]), "l_blend": st.integers(0, 9),
+        "method": st.sampled_from(["crossfade", "inertialize", "least_jerk"]), "l_blend": st.integers(0, 9),
         "curve": st.sampled_from(["linear", "sigmoid", "smoothstep"]), "rotations": st.sampled_from(["slerp", "expmap"]),
     }),
     mode=st.sampled_from(["return", "absolute"]),
@@ -64,7 +67,7 @@ def exact_motion(frames):
     return Motion(moved.skeleton, some[np.arange(frames * 5).reshape(frames, 5) * 7 % 4], moved.positions, tiny.FPS)
 
 
-@pytest.mark.parametrize("method", ["crossfade", "inertialize"])
+@pytest.mark.parametrize("method", ["crossfade", "inertialize", "least_jerk"])
 def test_natural_joins_leave_the_recorded_frames_bit_for_bit(method):
     recorded = exact_motion(30)
     moved = show([recorded], range(3, 10), range(10, 22), [22], root={"mode": "absolute"}, blend={"method": method})
@@ -157,13 +160,18 @@ def test_source_indices_of_equal_lengths_are_whole_numbers():
 
 @pytest.mark.parametrize("mode", ["return", "absolute"])
 @pytest.mark.parametrize("method", ["crossfade", "inertialize"])
-def test_holds_do_not_move(mode, method):
+@pytest.mark.parametrize(
+    # At the end of a segment nothing natural follows; `nearest` shows recorded frames only.
+    ("nodes", "resample"), [([7, 8, 9, 9, 9, 9], "interpolate"), ([3, 4, 5, 5, 5, 5, 6], "nearest")]
+)  # fmt: skip
+def test_holds_do_not_move(mode, method, nodes, resample):
     (recorded,) = random_motions(11, 20)
-    moved = show([recorded], [3, 4, 5, 5, 5, 5, 6], root={"mode": mode}, blend={"method": method})
+    options = {"root": {"mode": mode}, "blend": {"method": method}, "resample": resample}
+    moved = show([recorded], nodes, segment_starts=(0, 10), **options)
     for frame in (3, 4, 5):
         np.testing.assert_array_equal(moved.positions[frame], moved.positions[2])
         np.testing.assert_array_equal(moved.rotations[frame], moved.rotations[2])
-    np.testing.assert_allclose(moved.positions[6], recorded.positions[6], atol=1e-12)
+    np.testing.assert_allclose(moved.positions[-1], recorded.positions[nodes[-1]], atol=1e-12)
 
 
 def test_holds_after_a_jump_do_not_move_the_root():
@@ -171,6 +179,76 @@ def test_holds_after_a_jump_do_not_move_the_root():
     moved = show(motions, [3, 4, 5], [30, 30, 30, 30], **STEADY)
     for frame in (4, 5, 6):
         np.testing.assert_array_equal(moved.positions[frame], moved.positions[3])
+
+
+def ramp(frames):
+    """A motion whose root is at the number of its frame along X, in cm, and turns by a hundredth of that."""
+    numbers = np.arange(float(frames))
+    moved = still_motion(frames)
+    positions, rotations = moved.positions.copy(), moved.rotations.copy()
+    positions[:, 0, 0], rotations[:, 0] = numbers, rotation.about_y(numbers / 100)
+    return Motion(moved.skeleton, rotations, positions, tiny.FPS)
+
+
+def nodes_shown(*pieces, **options):
+    """The fractional node that each output frame shows."""
+    moved = show([ramp(60)], *pieces, **RECORDED | options)
+    np.testing.assert_allclose(rotation.heading(moved.rotations[:, 0]), moved.positions[:, 0, 0] / 100, atol=1e-9)
+    return moved.positions[:, 0, 0]
+
+
+def test_a_hold_before_its_natural_successor_is_slow_motion():
+    shown = nodes_shown([3, 4, 5, 5, 5, 5, 6, 7, 7, 8])
+    np.testing.assert_allclose(shown, [3, 4, 5, 5.25, 5.5, 5.75, 6, 7, 7.5, 8], atol=1e-12)
+
+
+def test_slow_motion_is_a_matter_of_one_piece():
+    # A piece that starts where the last one ended is a join; a held end goes on into the next piece.
+    np.testing.assert_allclose(nodes_shown([4, 5], [5, 5, 6], [6, 7]), [4, 5, 5, 5.5, 6, 6, 7], atol=1e-12)
+    np.testing.assert_allclose(nodes_shown([4, 5, 5], [6, 7]), [4, 5, 5.5, 6, 7], atol=1e-12)
+
+
+@pytest.mark.parametrize("nodes", [[3, 4, 4, 4, 20, 21], [3, 4, 4, 4, 3], [3, 4, 4, 4], [4, 4, 4, 6]])
+def test_a_hold_before_anything_else_stays(nodes):
+    assert nodes_shown(nodes).tolist() == nodes
+
+
+def test_a_hold_at_the_end_of_a_segment_stays():
+    assert nodes_shown([8, 9, 9, 9, 10, 11], segment_starts=(0, 10)).tolist() == [8, 9, 9, 9, 10, 11]
+
+
+def test_nearest_knows_no_slow_motion():
+    assert nodes_shown([3, 4, 5, 5, 5, 6], resample="nearest").tolist() == [3, 4, 5, 5, 5, 6]
+    assert nodes_shown(([4, 5, 5, 6], 10), resample="nearest").tolist() == [4] * 2 + [5] * 6 + [6] * 2
+
+
+@pytest.mark.parametrize("lengths", [(7, 5), (12, 9), (1, 1), (3, 30)])
+def test_pieces_without_holds_end_at_their_last_nodes(lengths):
+    shown = nodes_shown((range(10, 17), lengths[0]), (range(17, 22), lengths[1]))
+    assert shown[lengths[0] - 1] == 16 and shown[-1] == 21
+    if lengths[1] > 1:
+        assert shown[lengths[0]] == 17
+
+
+@settings(deadline=None, derandomize=True, max_examples=60)
+@given(
+    holds=st.lists(st.integers(1, 4), min_size=2, max_size=12), share=st.floats(0, 1), lengths=st.tuples(*[st.integers(1, 40)] * 2)
+)  # fmt: skip
+def test_slow_motion_is_even_at_any_resampling(holds, share, lengths):
+    # Each node of a natural path stands for as long as it is held, and leads to the next one all the while.
+    nodes = np.repeat(np.arange(5, 5 + len(holds)), holds)
+    nodes = nodes[: len(nodes) - holds[-1] + 1]
+    starts = np.concatenate([[0], np.cumsum(holds[:-1])])
+    cut = int(starts[1:][int(share * (len(starts) - 2))])
+    shown = nodes_shown((nodes[:cut], lengths[0]), (nodes[cut:], lengths[1]))
+    places = [resampled_indices(cut, lengths[0]), cut + resampled_indices(len(nodes) - cut, lengths[1])]
+    expected = np.interp(np.concatenate(places), starts, np.arange(5, 5 + len(holds)))
+    np.testing.assert_allclose(shown, expected, atol=1e-9)
+
+
+def test_a_resampled_way_to_a_hold_is_not_cut_short():
+    # Half-way to node 5 after half a step, however long it is held.
+    np.testing.assert_allclose(nodes_shown(([4, 5, 5, 6], 7)), [4, 4.5, 5, 5.25, 5.5, 5.75, 6], atol=1e-12)
 
 
 # --- cross-fade ---------------------------------------------------------------------------------------------
@@ -501,6 +579,174 @@ def test_the_root_and_the_body_can_be_inertialized_together():
     places, heading = ground(inertial(motions, range(10), range(50, 60), mode="return"))
     assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() < 1.0 + 200 * (1 - 0.5 ** (1 / 90))
     assert np.abs(np.diff(heading)).max() < 0.1
+
+
+def test_inertialization_goes_on_where_the_left_side_was_heading_when_the_right_one_is_held():
+    motions = random_motions(17, 20, 20)
+    moved = inertial(motions, range(3, 10), [25, 25, 25, 25, 26, 27])
+    np.testing.assert_allclose(moved.positions[7], motions[0].positions[10], atol=1e-12)
+    assert rotation.angle_between(moved.rotations[7], motions[0].rotations[10]).max() < 1e-7
+
+
+# --- corrections of least jerk ------------------------------------------------------------------------------
+
+
+def jumping(pieces, successors):
+    """bool `[shape=(n_frames,)]`: output frames with a jump on the way from the one before, node by node."""
+    nodes = [node for piece, _ in pieces for node in piece]
+    times, first = [], 0
+    for piece, length in pieces:
+        times += [first + place for place in resampled_indices(len(piece), length).tolist()]
+        first += len(piece)
+    jumps = [False]
+    for before, after in itertools.pairwise(times):
+        # The pose at a fraction is made of both its neighbours.
+        steps = range(int(np.floor(before + 1e-9)), int(np.ceil(after - 1e-9)))
+        jumps.append(any(nodes[k + 1] not in (successors[nodes[k]], nodes[k]) for k in steps))
+    return np.array(jumps)
+
+
+def as_crossfade(motions, pieces, reach, **options):
+    raw = show(motions, *pieces, blend={"l_blend": 0}, **options)
+    jumps = jumping(pieces, [*range(1, 30), 29])
+    return jumps, *blend.least_jerk(raw.rotations, raw.positions, jumps, reach * tiny.FPS)
+
+
+@pytest.mark.parametrize(
+    ("pieces", "frames"),
+    [
+        ([(range(5), 5), (range(20, 25), 5)], [5]),
+        ([([*range(5), *range(20, 25)], 10)], [5]),
+        # Ten nodes over eleven frames: from 4.5 over 5.4 on, the jump 4 to 5 is a part of both steps.
+        ([([*range(5), *range(20, 25)], 11)], [5, 6]),
+        # Over 19 frames every other one is half-way between two nodes, frame 9 between the sides of the jump.
+        ([([*range(5), *range(20, 25)], 19)], [9, 10]),
+        ([([*range(5), *range(20, 25)], 4)], [2]),
+        ([(range(5), 5), (range(5, 9), 7), ([9, 9, 9], 3)], []),
+        ([([3], 4), ([12], 4)], [4]),
+        # Out of slow motion, and into it.
+        ([([3, 4, 5, 5, 6, 20, 21], 7)], [5]),
+        ([([3, 20, 20, 20, 21, 22], 6)], [1]),
+        # Pieces meet without a frame between them, so that all of it is in one step.
+        ([(range(5), 9), (range(20, 25), 9)], [9]),
+    ],
+)
+def test_jumps_are_where_recorded_motion_does_not_go_on(pieces, frames):
+    motions = random_motions(20, 30)
+    jumps, rotations, positions = as_crossfade(motions, pieces, 0.08, root={"mode": "absolute"})
+    assert np.flatnonzero(jumps).tolist() == frames
+    moved = show(motions, *pieces, blend={"method": "least_jerk"}, root={"mode": "absolute"})
+    np.testing.assert_allclose(moved.positions, positions, atol=1e-9)
+    assert rotation.angle_between(moved.rotations, rotations).max() < 1e-7
+
+
+@settings(deadline=None, derandomize=True, max_examples=40)
+@given(
+    seed=st.integers(0, 10_000), count=st.integers(1, 5), reach=st.sampled_from([0.05, 0.08, 0.2]),
+    mode=st.sampled_from(["absolute", "return"]),
+)  # fmt: skip
+def test_least_jerk_equals_the_correction_of_the_bare_path(seed, count, reach, mode):
+    rng = np.random.default_rng(seed)
+    motions, pieces = random_motions(seed, 30), []
+    for _ in range(count):
+        # No node is held, so that every place is where it is evenly.
+        runs = [np.arange(start, start + rng.integers(1, 7)) for start in rng.choice(24, rng.integers(1, 3), False)]
+        nodes = np.concatenate(runs)
+        nodes = nodes[np.append(True, np.diff(nodes) != 0)]
+        if pieces and pieces[-1][0][-1] == nodes[0]:
+            continue
+        pieces.append((nodes.tolist(), int(rng.integers(1, 15))))
+    _, rotations, positions = as_crossfade(motions, pieces, reach, root={"mode": mode})
+    moved = show(motions, *pieces, blend={"method": "least_jerk", "reach_seconds": reach}, root={"mode": mode})
+    np.testing.assert_allclose(moved.positions, positions, atol=1e-8)
+    assert rotation.angle_between(moved.rotations, rotations).max() < 1e-7
+
+
+def test_least_jerk_takes_the_leap_out_of_a_join():
+    motions = [still_motion(30), still_motion(30, (10.0, 0.0, 0.0), 1.0)]
+    moved = show(motions, range(30), range(30, 60), blend={"method": "least_jerk"}, root={"mode": "absolute"})
+    assert np.abs(np.diff(moved.positions[:, 0, 0])).max() < 1.5
+    assert rotation.angle_between(moved.rotations[1:], moved.rotations[:-1]).max() < 0.15
+    np.testing.assert_allclose(moved.positions[[0, -1], 0, 0], [0.0, 10.0], atol=0.05)
+
+
+# --- feet ---------------------------------------------------------------------------------------------------
+
+BODY = ("b_root", "b_spine0", "b_l_upleg", "b_l_leg", "b_l_foot", "b_r_upleg", "b_r_leg", "b_r_foot")
+ON_FEET = ("b_l_foot", "b_r_foot")
+
+
+def figure(seed, frames):
+    """A body that sways and turns smoothly over knees that are bent."""
+    rng = np.random.default_rng(seed)
+    parents = (-1, 0, 0, 2, 3, 0, 5, 6)
+    offsets = [(0, 85, 0), (0, 20, 0), *[(x, y, 0) for x in (9, -9) for y in (-4, -40, -42)]]
+    offsets[3:5], offsets[6:8] = [(0, -40, 0), (0, -42, 0)], [(0, -40, 0), (0, -42, 0)]
+    bones = make_skeleton(BODY, parents, offsets)
+    maps = 0.5 * gaussian_filter1d(rng.normal(size=(frames, 8, 3)), 10.0, axis=0, mode="nearest")
+    for hip, knee, foot in ((2, 3, 4), (5, 6, 7)):
+        for joint, angle in ((hip, -0.3), (knee, 0.6), (foot, -0.3)):
+            maps[:, joint, 0] += angle
+    positions = np.tile(bones.offsets, (frames, 1, 1))
+    positions[:, 0] += 15.0 * gaussian_filter1d(rng.normal(size=(frames, 3)), 10.0, axis=0, mode="nearest")
+    return Motion(bones, rotation.from_expmap(maps), positions, tiny.FPS)
+
+
+@settings(deadline=None, derandomize=True, max_examples=40)
+@given(
+    seed=st.integers(0, 10_000), method=st.sampled_from(["crossfade", "inertialize", "least_jerk"]),
+    lengths=st.lists(st.tuples(st.integers(1, 12), st.integers(1, 14)), min_size=1, max_size=5),
+    mode=st.sampled_from(["return", "absolute"]), resample=st.sampled_from(["interpolate", "nearest"]),
+)  # fmt: skip
+def test_locked_feet_give_finite_unit_frames_that_differ_in_the_legs_only(seed, method, lengths, mode, resample):
+    rng = np.random.default_rng(seed)
+    motions = [figure(seed, 25), figure(seed + 1, 15)]
+    pieces = [(rng.integers(0, 40, size=nodes).tolist(), length) for nodes, length in lengths]
+    options = {"blend": {"method": method}, "root": {"mode": mode}, "resample": resample}
+    free = show(motions, *pieces, **options)
+    moved, again = (show(motions, *pieces, feet={"lock": True}, **options) for _ in range(2))
+    assert moved.n_frames == sum(length for _, length in lengths)
+    assert np.isfinite(moved.rotations).all()
+    np.testing.assert_allclose(np.linalg.norm(moved.rotations, axis=-1), 1.0, atol=1e-12)
+    np.testing.assert_array_equal(moved.positions, free.positions)
+    np.testing.assert_allclose(moved.rotations[:, :2], free.rotations[:, :2], atol=1e-12)
+    assert moved.rotations.tobytes() == again.rotations.tobytes()
+    assert moved.positions.tobytes() == again.positions.tobytes()
+
+
+@pytest.mark.parametrize("method", ["crossfade", "inertialize", "least_jerk"])
+def test_natural_steps_stay_as_recorded_but_for_the_feet(method):
+    recorded = figure(3, 60)
+    options = {"blend": {"method": method}, "feet": {"lock": True}, "root": {"mode": "absolute"}}
+    # The whole recording has its own floor, so that each foot bears weight just where it did.
+    whole = show([recorded], range(20), range(20, 60), **options)
+    np.testing.assert_array_equal(whole.positions, recorded.positions)
+    assert rotation.angle_between(whole.rotations, recorded.rotations).max() < 1e-6
+    part = show([recorded], range(10, 20), range(20, 40), **options)
+    np.testing.assert_array_equal(part.positions, recorded.positions[10:40])
+    assert rotation.angle_between(part.rotations[:, :2], recorded.rotations[10:40, :2]).max() < 1e-7
+
+
+def test_locked_feet_slide_less_after_a_jump():
+    # A second figure that stands 60 cm away, seen by a root whose offset halves every second.
+    motions = [still_motion(60, place, bones=figure(0, 2).skeleton) for place in ((0.0, 0.0, 0.0), (60.0, 0.0, 0.0))]
+    bent = figure(0, 2).rotations[0]
+    motions = [Motion(m.skeleton, np.tile(bent, (60, 1, 1)), m.positions, m.fps) for m in motions]
+    skates = []
+    for lock in (False, True):
+        moved = show(motions, range(30), range(60, 120), root={"return_half_life": 1.0}, feet={"lock": lock})
+        places = kinematics.joint_positions(moved, [moved.skeleton.index(name) for name in ON_FEET])
+        skates.append(foot_skate(places, [0, 1], fps=tiny.FPS).speed)
+    assert skates[1] < skates[0] / 3
+
+
+@pytest.mark.parametrize("method", ["crossfade", "least_jerk"])
+def test_a_skeleton_without_feet_is_rendered_all_the_same(method):
+    motions = random_motions(21, 12, 12)
+    options = {"blend": {"method": method}}
+    free, moved = (show(motions, range(6), range(15, 21), feet={"lock": lock}, **options) for lock in (False, True))
+    np.testing.assert_allclose(moved.rotations, free.rotations, atol=1e-15)
+    np.testing.assert_array_equal(moved.positions, free.positions)
 
 
 # --- fingers ------------------------------------------------------------------------------------------------

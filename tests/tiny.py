@@ -6,6 +6,7 @@ import numpy as np
 
 from gesturegen.clips import Reference, Speech
 from gesturegen.config import Config, Continuity
+from gesturegen.graph import neighbours
 from gesturegen.graph.motion_graph import MotionGraph, from_positions
 from gesturegen.keynodes import KeyNodes
 from gesturegen.motion import rotation
@@ -84,7 +85,7 @@ def with_breaks(rows, segment_starts, n_nodes: int) -> KeyNodes:
 def _described(n_nodes: int, nodes: KeyNodes) -> dict:
     return {
         "joint_names": ("joint",), "fps": FPS, "clip_names": ("clip",), "clip_starts": np.array([0]),
-        "source_frames": np.arange(n_nodes), "key_nodes": nodes,
+        "source_frames": np.arange(n_nodes), "key_nodes": nodes, "speaking": np.ones(n_nodes, dtype=bool),
     }  # fmt: skip
 
 
@@ -96,7 +97,10 @@ def graph_of_positions(positions, segment_starts=(0,), rows=(), block_pairs=None
 
 
 def graph_of_edges(n_nodes: int, edges, rows=(), segment_starts=(0,), natural=True) -> MotionGraph:
-    """A graph with the given unnatural edges {(left, right): weight}, and all natural ones unless told otherwise."""
+    """A graph with the given unnatural edges {(left, right): weight}, and all natural ones unless told otherwise.
+
+    All its poses are the same.
+    """
     last = {int(start) - 1 for start in segment_starts[1:]} | {n_nodes - 1}
     edges = dict(edges)
     if natural:
@@ -104,6 +108,8 @@ def graph_of_edges(n_nodes: int, edges, rows=(), segment_starts=(0,), natural=Tr
     pairs = sorted(edges)
     lefts = np.array([left for left, _ in pairs], dtype=np.int64)
     rights = np.array([right for _, right in pairs], dtype=np.int64)
+    poses = np.zeros((n_nodes, 3))
+    near_nodes, near_distances = neighbours.nearest(poses, poses, Continuity())
     return MotionGraph(
         positions=np.zeros((n_nodes, 1, 3), dtype=np.float32),
         segment_starts=np.array(segment_starts),
@@ -112,6 +118,8 @@ def graph_of_edges(n_nodes: int, edges, rows=(), segment_starts=(0,), natural=Tr
         weights=np.array([edges[pair] for pair in pairs], dtype=np.float32),
         natural=(rights == lefts + 1) & ~np.isin(lefts, list(last)),
         thresholds=np.zeros(n_nodes),
+        near_nodes=near_nodes,
+        near_distances=near_distances,
         **_described(n_nodes, with_breaks(rows, segment_starts, n_nodes)),
     )
 

@@ -24,6 +24,16 @@ def distance(left, right, left_velocity, right_velocity, lambda_pos, lambda_vel)
 
 
 @numba.njit(cache=True, nogil=True)
+def distances(lefts, rights, poses, velocities, lambda_pos, lambda_vel):
+    """The pose distances [shape=(K,)] of pairs of frames."""
+    out = np.empty(len(lefts))
+    for k in range(len(lefts)):
+        a, b = lefts[k], rights[k]
+        out[k] = distance(poses[a], poses[b], velocities[a], velocities[b], lambda_pos, lambda_vel)
+    return out
+
+
+@numba.njit(cache=True, nogil=True)
 def thresholds(poses, velocities, ends, l_cn, lambda_pos, lambda_vel):
     """Mean distance of each frame to the next `l_cn` frames of its segment; NaN for a segment's last frame."""
     out = np.full(len(poses), np.nan)
@@ -147,3 +157,82 @@ def _has_kept(near, far, kept, begins, stops, starts, ends, l_pn):
             if abs(kept[edge] - far) <= l_pn and starts[kept[edge]] == starts[far]:
                 return True
     return False
+
+
+# Rounding of the square roots and their sum, relative.
+_BOUND_ROUNDING = np.float32(1.0 - 1e-6)
+
+
+@numba.njit(cache=True, nogil=True)
+def add_lower_bounds(lefts, products, halves, slack, weight, low):
+    """Add to `low` [shape=(L, T)] what `weight` times the Euclidean distances at least are."""
+    two, zero, slack = np.float32(2.0), np.float32(0.0), np.float32(slack)
+    weight = np.float32(weight) * _BOUND_ROUNDING
+    for row in range(len(lefts)):
+        half = halves[lefts[row]]
+        for right in range(len(halves)):
+            apart = two * (half + halves[right] - products[row, right]) - slack
+            low[row, right] += weight * np.sqrt(max(apart, zero))
+
+
+@numba.njit(cache=True, nogil=True)
+def nearest(lefts, low, poses, velocities, lambda_pos, lambda_vel, nodes, distances):
+    """Fill `nodes` and `distances` [shape=(L, count)] with the nearest other frames of each of `lefts`.
+
+    low : float32 [shape=(L, T)], lower bounds of all distances from them; spoilt
+    """
+    frames, count = low.shape[1], nodes.shape[1]
+    smallest = np.empty(count, dtype=np.float32)
+    places = np.empty(count, dtype=np.int64)
+    for row in range(len(lefts)):
+        left = lefts[row]
+        bounds = low[row]
+        bounds[left] = np.inf
+        for k in range(count):
+            smallest[k] = np.inf
+            places[k] = -1
+        # The `count` lowest bounds, as a heap with the largest on top.
+        for right in range(frames):
+            if bounds[right] < smallest[0]:
+                _replace_top(smallest, places, bounds[right], right)
+        limit = 0.0
+        for k in range(count):
+            limit = max(limit, distance(
+                poses[left], poses[places[k]], velocities[left], velocities[places[k]], lambda_pos, lambda_vel
+            ))  # fmt: skip
+        # No frame with a bound above that can be among the nearest.
+        open_count = 0
+        for right in range(frames):
+            open_count += bounds[right] <= limit
+        rights = np.empty(open_count, dtype=np.int64)
+        exact = np.empty(open_count)
+        k = 0
+        for right in range(frames):
+            if bounds[right] <= limit:
+                rights[k] = right
+                exact[k] = distance(
+                    poses[left], poses[right], velocities[left], velocities[right], lambda_pos, lambda_vel
+                )
+                k += 1
+        order = np.argsort(exact, kind="mergesort")  # stable: ties by frame
+        for k in range(count):
+            nodes[row, k] = rights[order[k]]
+            distances[row, k] = exact[order[k]]
+
+
+@numba.njit(cache=True, nogil=True)
+def _replace_top(values, places, value, place):
+    """Put one entry in place of the largest of a heap."""
+    count = len(values)
+    hole = 0
+    while True:
+        child = 2 * hole + 1
+        if child >= count:
+            break
+        if child + 1 < count and values[child + 1] > values[child]:
+            child += 1
+        if values[child] <= value:
+            break
+        values[hole], places[hole] = values[child], places[child]
+        hole = child
+    values[hole], places[hole] = value, place

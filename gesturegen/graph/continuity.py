@@ -15,7 +15,7 @@ from gesturegen.config import Continuity
 from gesturegen.graph import _kernels
 
 # Of a block of the N x N comparison; small enough to stay in the cache's neighbourhood, memory is 5 bytes each.
-_BLOCK_PAIRS = 8_000_000
+BLOCK_PAIRS = 8_000_000
 _UNIT_ROUNDOFF = float(np.finfo(np.float32).eps) / 2
 
 
@@ -48,18 +48,10 @@ def velocities(poses: np.ndarray, segment_starts: np.ndarray) -> np.ndarray:
     return out
 
 
-def pose_distances(
-    positions: np.ndarray, segment_starts: np.ndarray, lefts, rights, settings: Continuity
-) -> np.ndarray:
+def pose_distances(poses: np.ndarray, speeds: np.ndarray, lefts, rights, settings: Continuity) -> np.ndarray:
     """d(l, r) `[shape=(K,)]` of pairs of frames: lambda_pos ||p_l - p_r|| + lambda_vel ||v_l - v_r||."""
-    poses = flatten(positions)
-    speeds = velocities(poses, segment_starts)
-    return np.array(
-        [
-            _kernels.distance(poses[a], poses[b], speeds[a], speeds[b], settings.lambda_pos, settings.lambda_vel)
-            for a, b in zip(lefts, rights, strict=True)
-        ]
-    )
+    lefts, rights = np.asarray(lefts, dtype=np.int64), np.asarray(rights, dtype=np.int64)
+    return _kernels.distances(lefts, rights, poses, speeds, settings.lambda_pos, settings.lambda_vel)
 
 
 def thresholds(poses: np.ndarray, speeds: np.ndarray, segment_starts: np.ndarray, settings: Continuity) -> np.ndarray:
@@ -72,13 +64,13 @@ def thresholds(poses: np.ndarray, speeds: np.ndarray, segment_starts: np.ndarray
 
 
 def candidate_blocks(
-    poses: np.ndarray, speeds: np.ndarray, limits: np.ndarray, settings: Continuity, block_pairs: int = _BLOCK_PAIRS
+    poses: np.ndarray, speeds: np.ndarray, limits: np.ndarray, settings: Continuity, block_pairs: int = BLOCK_PAIRS
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Candidate pairs in ascending (left, right) order, in blocks: lefts, rights, distances, each `[shape=(K,)]`.
 
     A candidate of l is every r not in {l, l + 1} with d(l, r) < threshold(l), over all segments.
     """
-    near_poses, near_speeds = _Preselection(poses), _Preselection(speeds)
+    near_poses, near_speeds = Products(poses), Products(speeds)
     rows = max(1, block_pairs // len(poses))
     for first in range(0, len(poses), rows):
         lefts = slice(first, min(first + rows, len(poses)))
@@ -89,8 +81,8 @@ def candidate_blocks(
         yield _kernels.confirm(first, mask, poses, speeds, limits, settings.lambda_pos, settings.lambda_vel)
 
 
-class _Preselection:
-    """Pairs whose Euclidean distance may be below a limit, from float32 products with a proven slack."""
+class Products:
+    """Euclidean distances of points from float32 products, with a proven bound of their error."""
 
     def __init__(self, points: np.ndarray):
         centred = points - points.mean(axis=0)
@@ -99,9 +91,14 @@ class _Preselection:
         centred = centred / self.scale
         self.points = centred.astype(np.float32)
         self.squares = np.einsum("ij,ij->i", centred, centred)
+        self.halves = (0.5 * self.squares).astype(np.float32)
         # Rounding the inputs, a dot product of D terms in any order and the sum, each relative to the norms.
         norm = np.sqrt(self.squares.max())
         self.slack = 2.0 * (points.shape[1] + 8) * _UNIT_ROUNDOFF * (2.0 * norm) ** 2
+
+    def of(self, lefts: slice | np.ndarray) -> np.ndarray:
+        """a . b `[shape=(L, T)]` of scaled points: half their squares minus it is half their distance's square."""
+        return self.points[lefts] @ self.points.T
 
     def within(self, lefts: slice, limits: np.ndarray, weight: float) -> np.ndarray:
         """bool `[shape=(L, T)]`: False only where `weight` times the distance is at least the left's limit."""
@@ -109,6 +106,6 @@ class _Preselection:
             return np.broadcast_to(limits[:, None] > 0, (len(limits), len(self.points))).copy()
         reach = np.where(limits > 0, (limits / (weight * self.scale)) ** 2 + self.slack, -np.inf)
         # ||a - b||^2 < reach  <=>  a . b > (||a||^2 + ||b||^2 - reach) / 2, and both sides fit float32 with the slack.
-        products = self.points[lefts] @ self.points.T
-        products -= (0.5 * self.squares).astype(np.float32)
+        products = self.of(lefts)
+        products -= self.halves
         return products > (0.5 * (self.squares[lefts] - reach)).astype(np.float32)[:, None]

@@ -13,15 +13,16 @@ from gesturegen import files
 from gesturegen.clips import Reference, check_settings, select_joints
 from gesturegen.config import Config, Continuity
 from gesturegen.errors import DataError
-from gesturegen.graph import continuity, pruning
-from gesturegen.keynodes import KeyNodes, of_references
+from gesturegen.graph import continuity, neighbours, pruning
+from gesturegen.keynodes import KeyNodes, of_references, reference_speaking
 from gesturegen.motion import kinematics
 from gesturegen.motion.skeleton import read_only
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 # Everything a stored graph depends on beyond its clips.
 _SETTINGS = (
     "fps", "joints", "positions", "continuity", "onsets", "keywords.words", "wrists", "exclude", "breaks",
+    "pauses", "references.seconds",
 )  # fmt: skip
 
 
@@ -36,6 +37,9 @@ class MotionGraph:
     indptr : int [shape=(N + 1,)], indices : int [shape=(E,)], ascending in each row
     weights : float32 [shape=(E,)], 0 for natural edges; natural : bool [shape=(E,)]
     thresholds : float [shape=(N,)], NaN where there is none; key_nodes : onset, keyword and break nodes
+    speaking : bool [shape=(N,)], False in the pauses of the references' speech
+    near_nodes : int32 [shape=(N, M)], the M nearest other nodes of each, nearest first (`neighbours.py`)
+    near_distances : float [shape=(N, M)], how far they are
     """
 
     positions: np.ndarray
@@ -51,6 +55,9 @@ class MotionGraph:
     natural: np.ndarray
     thresholds: np.ndarray
     key_nodes: KeyNodes
+    speaking: np.ndarray
+    near_nodes: np.ndarray
+    near_distances: np.ndarray
 
     def __post_init__(self):
         nodes, edges = len(self.positions), len(self.indices)
@@ -58,13 +65,23 @@ class MotionGraph:
             raise ValueError("the edges of the graph do not fit its nodes")
         for name in (
             "positions", "clip_starts", "source_frames", "segment_starts", "indptr", "indices", "weights",
-            "natural", "thresholds",
+            "natural", "thresholds", "speaking", "near_nodes", "near_distances",
         ):  # fmt: skip
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
     def n_nodes(self) -> int:
         return len(self.positions)
+
+    @cached_property
+    def poses(self) -> np.ndarray:
+        """Flattened positions, float64 `[shape=(N, J * 3)]`."""
+        return continuity.flatten(self.positions)
+
+    @cached_property
+    def velocities(self) -> np.ndarray:
+        """Of the poses, per frame, `[shape=(N, J * 3)]`."""
+        return continuity.velocities(self.poses, self.segment_starts)
 
     @cached_property
     def segment_ends(self) -> np.ndarray:
@@ -96,7 +113,7 @@ class MotionGraph:
 
     def distances(self, lefts, rights, settings: Continuity) -> np.ndarray:
         """Pose distances `[shape=(K,)]` of pairs of nodes."""
-        return continuity.pose_distances(self.positions, self.segment_starts, lefts, rights, settings)
+        return continuity.pose_distances(self.poses, self.velocities, lefts, rights, settings)
 
 
 def build(references: Sequence[Reference], config: Config, block_pairs: int | None = None) -> MotionGraph:
@@ -130,6 +147,7 @@ def build(references: Sequence[Reference], config: Config, block_pairs: int | No
         clip_starts=clip_starts,
         source_frames=np.concatenate([r.source_frames for r in references]),
         key_nodes=of_references(references, config.keywords.words),
+        speaking=np.concatenate([reference_speaking(r, config.pauses) for r in references]),
         block_pairs=block_pairs,
     )
 
@@ -154,6 +172,7 @@ def from_positions(
     rights = np.concatenate([natural_lefts + 1, rights[keep]])
     weights = np.concatenate([np.zeros(len(natural_lefts)), weights[keep]])
     order = np.lexsort((rights, lefts))
+    near_nodes, near_distances = neighbours.nearest(poses, speeds, settings, **options)
     return MotionGraph(
         positions=positions,
         segment_starts=segment_starts,
@@ -162,6 +181,8 @@ def from_positions(
         weights=weights[order].astype(np.float32),
         natural=(order < len(natural_lefts)),
         thresholds=limits,
+        near_nodes=near_nodes,
+        near_distances=near_distances,
         **described,
     )
 
@@ -189,6 +210,9 @@ def save(path: str | Path, graph: MotionGraph, config: Config, clip_digests: Seq
             "weights": graph.weights,
             "natural": graph.natural,
             "thresholds": graph.thresholds,
+            "speaking": graph.speaking,
+            "near_nodes": graph.near_nodes,
+            "near_distances": graph.near_distances,
             "key_frames": graph.key_nodes.frames,
             "key_kinds": graph.key_nodes.kinds,
             "key_words": graph.key_nodes.keywords,
@@ -217,7 +241,7 @@ def load(path: str | Path, config: Config | None = None, clip_digests: Sequence[
         return MotionGraph(
             **{name: stored[name] for name in (
                 "positions", "clip_starts", "source_frames", "segment_starts", "indptr", "indices", "weights",
-                "natural", "thresholds",
+                "natural", "thresholds", "speaking", "near_nodes", "near_distances",
             )},
             joint_names=tuple(map(str, stored["joint_names"])),
             fps=float(stored["fps"]),

@@ -1,4 +1,4 @@
-"""Methods choose frames: a module with `build(references, config)` and `search(library, speech, config, rng)`."""
+"""Methods choose frames: a module with `build(references, config)` and `search(library, speech, config, rng, earlier)`."""
 
 from gesturegen.methods import motion_graph
 

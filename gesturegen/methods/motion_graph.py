@@ -1,6 +1,8 @@
-"""Gesture motion graphs (Zhao et al. 2023, §4): the published search, piece by piece."""
+"""Gesture motion graphs (Zhao et al. 2023, §4): the published search, piece by piece, or the optimal one."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -8,7 +10,7 @@ from gesturegen import keynodes
 from gesturegen.clips import Speech
 from gesturegen.config import Config
 from gesturegen.graph.motion_graph import MotionGraph, build
-from gesturegen.search import beam
+from gesturegen.search import beam, global_search
 from gesturegen.search.fallback import StopNodes
 from gesturegen.search.path import Path, Piece, Target, Track
 from gesturegen.search.start_nodes import StartNodes, feature_distances, graph_features
@@ -17,19 +19,42 @@ from gesturegen.search.termination import targets
 __all__ = ["build", "search"]
 
 
-def search(graph: MotionGraph, speech: Speech, config: Config, rng: np.random.Generator) -> Path:
-    """A path of graph nodes for a whole test speech (§4.2).
+def search(
+    graph: MotionGraph, speech: Speech, config: Config, rng: np.random.Generator, earlier: Sequence[Path] = ()
+) -> Path:
+    """A path of graph nodes for a whole test speech (§4.2), by the search that the config names.
+
+    earlier : other variants of this clip: the global search prices what they show, the beam search counts their
+    key nodes as used
+    """
+    key_nodes = keynodes.of_speech(speech, config.keywords.words)
+    cuts = targets(key_nodes, speech.n_frames)
+    if config.search == "global":
+        used = np.zeros(graph.n_nodes)
+        for path in earlier:
+            used[path.tracks[0].nodes] += config.global_search.lambda_variant
+        result = global_search.search(graph, cuts, keynodes.speaking(speech, config.pauses), config, used)
+        return Path((Track(result.pieces),), objective={"first": result.first, "final": result.final})
+    wanted = keynodes.speech_features(
+        key_nodes, np.array([cut.start_frame for cut in cuts]), speech.n_frames, config.features
+    )
+    return _search_by_pieces(graph, cuts, wanted, config, rng, earlier)
+
+
+def _search_by_pieces(
+    graph: MotionGraph, cuts: Sequence[Target], wanted: np.ndarray, config: Config, rng: np.random.Generator,
+    earlier: Sequence[Path],
+) -> Path:  # fmt: skip
+    """The beam search (§4.2.1) from piece to piece; `wanted` are the features at their starts.
 
     Each piece starts from the children of the previous winner's last node; the first one, one after a
     winner without children and every retry start from key nodes by feature distance.
     """
-    key_nodes = keynodes.of_speech(speech, config.keywords.words)
     pieces: list[Piece] = []
     candidates = graph_features(graph, config.features)
     occurrences = np.zeros(len(graph.key_nodes))
-    cuts = targets(key_nodes, speech.n_frames)
-    starts = np.array([target.start_frame for target in cuts])
-    wanted = keynodes.speech_features(key_nodes, starts, speech.n_frames, config.features)
+    for piece in (piece for path in earlier for piece in path.tracks[0].pieces):
+        occurrences += np.isin(graph.key_nodes.frames, piece.nodes)
     for target, feature in zip(cuts, wanted, strict=True):
         distances = feature_distances(feature, candidates, occurrences, config.features)
         piece = _search_piece(graph, target, pieces[-1] if pieces else None, distances, config, rng)

@@ -19,8 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-FLOOR_PERCENTILE = 5.0
-CONTACT_HEIGHT = 2.5
+from gesturegen.motion.feet import CONTACT_HEIGHT, FLOOR_PERCENTILE, contacts
 
 
 class FootSkate(NamedTuple):
@@ -33,22 +32,6 @@ class FootSkate(NamedTuple):
 
     speed: float
     contact_share: float
-
-
-def foot_contacts(
-    positions: np.ndarray, *, height: float = CONTACT_HEIGHT, floor_percentile: float = FLOOR_PERCENTILE
-) -> np.ndarray:
-    """Which feet are near the floor.
-
-    positions : float [shape=(T, F, 3)], world positions of the foot joints, cm, y up
-    height : cm above the foot's floor up to which it is in contact
-    floor_percentile : percentile of a foot's height that is its floor
-    Returns bool [shape=(T, F)].
-    """
-    heights = np.asarray(positions, dtype=np.float64)[..., 1]
-    if not heights.size:
-        return np.zeros(heights.shape, dtype=bool)
-    return heights <= np.percentile(heights, floor_percentile, axis=0) + height
 
 
 def foot_skate(
@@ -66,12 +49,12 @@ def foot_skate(
     positions : float [shape=(T, J, 3)], world positions, cm, y up
     foot_joints : int [shape=(F,)], the foot joints among the J
     fps : frames per second
-    height, floor_percentile : as in `foot_contacts`
+    height, floor_percentile : as in `motion.feet.contacts`
     """
     feet = np.asarray(positions, dtype=np.float64)[:, np.asarray(foot_joints, dtype=np.int64)]
-    contacts = foot_contacts(feet, height=height, floor_percentile=floor_percentile)
-    if not contacts.size:
+    touching = contacts(feet, height=height, floor_percentile=floor_percentile)
+    if not touching.size:
         return FootSkate(float("nan"), float("nan"))
     speeds = np.linalg.norm(np.diff(feet[..., [0, 2]], axis=0), axis=-1) * fps
-    sliding = speeds[contacts[1:] & contacts[:-1]]
-    return FootSkate(float(sliding.mean()) if sliding.size else float("nan"), float(contacts.mean()))
+    sliding = speeds[touching[1:] & touching[:-1]]
+    return FootSkate(float(sliding.mean()) if sliding.size else float("nan"), float(touching.mean()))

@@ -118,6 +118,23 @@ def slerp(a: np.ndarray, b: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return normalize(left * a + right * b)
 
 
+def between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """The shortest rotations that turn vectors `[shape=(..., 3)]` into the directions of others.
+
+    None where one of them has no length; opposite ones are turned about any axis across them.
+    """
+    axis = np.cross(start, end)
+    length = np.linalg.norm(axis, axis=-1, keepdims=True)
+    along = np.sum(start * end, axis=-1, keepdims=True)
+    # Any vector that is not parallel to `start` gives an axis across it.
+    spare = np.cross(start, np.where(np.abs(start[..., :1]) < np.linalg.norm(start, axis=-1, keepdims=True) / 2,
+                                     (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))  # fmt: skip
+    spare /= np.maximum(np.linalg.norm(spare, axis=-1, keepdims=True), 1e-300)
+    opposite = (along < 0) & (length <= 1e-8 * np.abs(along))
+    direction = np.where(opposite, spare, axis / np.maximum(length, 1e-300))
+    return from_expmap(direction * np.arctan2(length, along))
+
+
 def heading(quaternions: np.ndarray) -> np.ndarray:
     """The turn about the vertical in radians: the twist angle about Y of q = twist swing.
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
 
-from gesturegen import __version__, clips, evaluation, files, submission
-from gesturegen.ablation import causes, plot, summary, tables
+from gesturegen import __version__, clips, evaluation, files, keynodes, render, submission
+from gesturegen.ablation import causes, plot, reference_length, summary, tables
 from gesturegen.ablation.plan import Plan, seeded
 from gesturegen.config import Config, Evaluation
 from gesturegen.errors import DataError
@@ -27,8 +29,13 @@ from gesturegen.pipeline.common import (
     require_writable,
     work_path,
 )
-from gesturegen.pipeline.evaluate import locate_file, read_onset_times, require_same_joints
-from gesturegen.pipeline.reenact import gesture
+from gesturegen.pipeline.evaluate import locate_file, read_onset_times, reference_skate, require_same_joints
+from gesturegen.pipeline.memory import require_memory_for
+from gesturegen.randomness import generator
+from gesturegen.search import objective
+
+# The reference clips of each test clip, by setup and seed.
+_Chosen = dict[tuple[str, int], dict[str, tuple[str, ...]]]
 
 
 def ablate(plan: Plan, jobs: int, quiet: bool, keep: bool = False) -> Summary:
@@ -37,39 +44,68 @@ def ablate(plan: Plan, jobs: int, quiet: bool, keep: bool = False) -> Summary:
     keep : also leave graphs, BVH files and traces in `ablation/<setup>/`; otherwise motion stays in memory
     """
     index = read_index(plan.base)
-    # Drawn once per seed from the base config, so that the setups share them.
-    chosen = {seed: chosen_references(seeded(plan.base, seed), index) for seed in plan.seeds}
+    # The setups share what draws their references, and so the draw; `references.seconds` may cut it shorter.
+    chosen = {
+        (setup, seed): chosen_references(seeded(config, seed), index)
+        for setup, config in plan.setups.items()
+        for seed in plan.seeds
+    }
+    groups = shared_graphs(plan, chosen)
+    runs = [(plan.setups[setup], tests) for (setup, _), tests in chosen.items()]
+    jobs, warnings = require_memory_for(runs, index, jobs)
     folder = work_path(plan.base, "ablation")
     require_writable(folder)
     for name in plan.setups:  # what an earlier run kept is not of this one
         shutil.rmtree(folder / name, ignore_errors=True)
     try:
-        made = _build_graphs(plan, chosen, jobs, quiet)
+        made = _build_graphs(plan, groups, jobs, quiet, keep)
         if not made.outcome.failed:
-            made = _run_all(plan, chosen, index, jobs, quiet, keep)
+            made = _run_all(plan, chosen, groups, index, jobs, quiet, keep)
     finally:
         if not keep:
             for name in plan.setups:
                 shutil.rmtree(folder / name, ignore_errors=True)
+    made.warnings += warnings
     made.warnings += [
         (name, f"in no setup, because it failed in preprocess: {error}") for name, error in index["failed"].items()
     ]
     return made
 
 
-def _build_graphs(plan: Plan, chosen: dict[int, dict[str, tuple[str, ...]]], jobs: int, quiet: bool) -> Summary:
-    """One graph per setup and group of references: no graph depends on the seed."""
-    groups = {graph_name(names): names for tests in chosen.values() for names in tests.values()}
+def shared_graphs(plan: Plan, chosen: _Chosen) -> dict[tuple[str, tuple[str, ...]], str]:
+    """For each setup and group of references the setup whose graph serves: no graph depends on the seed."""
+    owners: dict[tuple, str] = {}
+    groups = {}
+    for (setup, _), tests in chosen.items():
+        config = plan.setups[setup]
+        for names in tests.values():
+            made_of = config.method, config.section_json(*motion_graph._SETTINGS), names
+            groups[setup, names] = owners.setdefault(made_of, setup)
+    return groups
+
+
+def _build_graphs(
+    plan: Plan, groups: dict[tuple[str, tuple[str, ...]], str], jobs: int, quiet: bool, keep: bool
+) -> Summary:
     tasks = {
-        f"{setup}, {group}": partial(_build_graph, setup, names, config)
-        for setup, config in plan.setups.items()
-        for group, names in groups.items()
+        f"{owner}, {_graph_path(plan.setups[owner], owner, names).stem}": partial(
+            _build_graph, owner, names, plan.setups[owner]
+        )
+        for (setup, names), owner in groups.items()
+        if setup == owner
     }
-    return Summary(for_each(tasks, jobs, "ablate: graphs", quiet))
+    summary = Summary(for_each(tasks, jobs, "ablate: graphs", quiet))
+    if keep and not summary.outcome.failed:
+        for (setup, names), owner in groups.items():
+            if setup != owner:
+                target = _graph_path(plan.setups[setup], setup, names)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(_graph_path(plan.setups[owner], owner, names), target)
+    return summary
 
 
 def _graph_path(config: Config, setup: str, names: Sequence[str]) -> Path:
-    return work_path(config, "ablation", setup, "graphs", f"{graph_name(names)}.npz")
+    return work_path(config, "ablation", setup, "graphs", f"{graph_name(names, config.references.seconds)}.npz")
 
 
 def _build_graph(setup: str, names: tuple[str, ...], config: Config) -> None:
@@ -77,16 +113,16 @@ def _build_graph(setup: str, names: tuple[str, ...], config: Config) -> None:
     motion_graph.save(_graph_path(config, setup, names), graph, config, digests(config, names))
 
 
-def _run_all(plan: Plan, chosen: dict, index: dict, jobs: int, quiet: bool, keep: bool) -> Summary:
+def _run_all(plan: Plan, chosen: _Chosen, groups: dict, index: dict, jobs: int, quiet: bool, keep: bool) -> Summary:
     # The clip comes first in the name, and tasks run by name: its truth is then read once for all setups.
     tasks = {
         f"{test}, seed {seed}, {setup}": partial(
-            _run_clip, setup, test, names, seeded(config, seed), plan.base, index["tests"][test]["truth"], keep
+            _run_clip, setup, groups[setup, names], test, names, seeded(plan.setups[setup], seed), plan.base,
+            index["tests"][test]["truth"], keep,
         )
-        for seed, tests in chosen.items()
+        for (setup, seed), tests in chosen.items()
         for test, names in tests.items()
-        for setup, config in plan.setups.items()
-    }
+    }  # fmt: skip
     made = Summary(for_each(tasks, jobs, "ablate", quiet))
     if made.outcome.failed:
         # Rows over different clips would compare nothing.
@@ -95,7 +131,7 @@ def _run_all(plan: Plan, chosen: dict, index: dict, jobs: int, quiet: bool, keep
     rows = list(made.outcome.done.values())
     order = {setup: place for place, setup in enumerate(plan.setups)}
     rows.sort(key=lambda row: (order[row["setup"]], row["seed"], row["clip"]))
-    result = _summarize(plan, rows, index)
+    result = _summarize(plan, chosen, rows, index)
     made.lines = [tables.format_terminal(result)]
     _write(result, plan, made)
     if keep:
@@ -115,18 +151,48 @@ def _truth(path: str, _digest: str, config_json: str) -> evaluation.Joints:
 
 
 def _run_clip(
-    setup: str, test: str, names: tuple[str, ...], config: Config, base: Config, truth_path: str | None, keep: bool
-) -> dict:
-    graph = motion_graph.load(_graph_path(config, setup, names), config)
+    setup: str, owner: str, test: str, names: tuple[str, ...], config: Config, base: Config, truth_path: str | None,
+    keep: bool,
+) -> dict:  # fmt: skip
+    # Loaded anew for every clip, so that the measured time holds all that a search prepares of its graph.
+    graph = motion_graph.load(_graph_path(config, owner, names), config)
     # The base's serve all setups: rendering takes their motion alone, and the onsets are in the graph.
-    references = _references(base.model_dump_json(by_alias=True), names, digests(base, names))
-    trace, motion = gesture(test, references, graph, config)
+    shared = base.model_copy(update={"references": config.references})
+    references = _references(shared.model_dump_json(by_alias=True), names, digests(base, names))
+    speech = clips.load(clip_path(config, test), config, with_motion=False).test_speech(config)
+    key_nodes = keynodes.of_speech(speech, config.keywords.words)
+    _warm_up(graph, speech, config)
+    started = time.perf_counter()
+    path = METHODS[config.method].search(graph, speech, config, generator(config.seed, test))
+    search_seconds = time.perf_counter() - started
+    name = graph_name(names, config.references.seconds)
+    trace = submission.make_trace(path, graph, name, speech, key_nodes, config)
+    motion = render.render(path, references, graph, config) if path.failure is None else None
     if keep:
         kept = work_path(config, "ablation", setup, str(config.seed))
         submission.write_clip(kept, test, motion, {**trace, "inputs": ""})
-    measured = None if motion is None else _measure(motion, trace, graph, test, base, truth_path)
+    measured = None
+    if motion is not None:
+        measured = _measure(motion, trace, graph, test, base, truth_path)
+        # By the base's prices and pauses whatever the setup searches by: one ruler.
+        prices = objective.PriceList(graph, base.global_search, base.continuity)
+        speaking = keynodes.speaking(speech, base.pauses)
+        measured["objective"] = objective.total(path.tracks[0].pieces, prices, speaking)["total"]
+        measured["search_seconds"] = round(search_seconds, 4)
     about = {"setup": setup, "seed": config.seed, "clip": test}
     return about | summary.clip_row(trace, graph, measured)
+
+
+_warm: set[tuple] = set()
+
+
+def _warm_up(graph: motion_graph.MotionGraph, speech: clips.Speech, config: Config) -> None:
+    """Once per worker, search two seconds of a speech untimed: the first call of a loop compiles it."""
+    kind = config.method, config.search, config.initialization
+    if kind not in _warm:
+        short = replace(speech, n_frames=min(speech.n_frames, round(2 * speech.fps)))
+        METHODS[config.method].search(replace(graph), short, config, generator(config.seed, "warm-up"))
+        _warm.add(kind)
 
 
 def _measure(motion, trace: dict, graph, test: str, base: Config, truth_path: str | None) -> dict[str, float]:
@@ -139,20 +205,35 @@ def _measure(motion, trace: dict, graph, test: str, base: Config, truth_path: st
     generated = evaluation.locate(motion, ruler)
     if truth is not None:
         require_same_joints(truth_path, truth, generated)
-    measured = evaluation.measure_clip(generated, ruler, onset_times, truth, trace, graph)
+    skate = reference_skate(base, graph.clip_names)
+    measured = evaluation.measure_clip(generated, ruler, onset_times, truth, trace, graph, skate)
     return measured | causes.measure(generated, truth, trace, graph, onset_times, ruler)
 
 
-def _summarize(plan: Plan, rows: list[dict], index: dict) -> summary.Result:
-    seconds = {name: row["seconds"] for name, row in index["references"].items()}
+def _summarize(plan: Plan, chosen: _Chosen, rows: list[dict], index: dict) -> summary.Result:
     setups = {}
-    for setup in plan.setups:
+    for setup, config in plan.setups.items():
         by_seed = {}
         for seed in plan.seeds:
             own = [row for row in rows if row["setup"] == setup and row["seed"] == seed]
+            seconds = _durations(config, chosen[setup, seed], index)
             by_seed[seed] = summary.run_figures(own, seconds, index["training_seconds"])
         setups[setup] = summary.over_seeds(by_seed)
     return summary.Result(setups, len(index["tests"]), plan.signature | {"version": __version__}, rows)
+
+
+def _durations(config: Config, chosen: dict[str, tuple[str, ...]], index: dict) -> dict[str, float]:
+    """Seconds of each reference clip, of a cut one only those that are used."""
+    whole = {name: row["seconds"] for name, row in index["references"].items()}
+    if config.references.seconds is None:
+        return whole
+    used: dict[str, float] = {}
+    for names in chosen.values():
+        left = config.references.seconds
+        for name in names:
+            used[name] = max(used.get(name, 0.0), min(whole[name], left))
+            left = max(left - whole[name], 0.0)
+    return whole | used
 
 
 def _write(result: summary.Result, plan: Plan, made: Summary) -> None:
@@ -161,6 +242,11 @@ def _write(result: summary.Result, plan: Plan, made: Summary) -> None:
     files.write_text(folder / "ablation.csv", tables.format_csv(result))
     files.write_json(folder / "ablation.json", tables.json_table(result))
     made.written = [folder / f"ablation.{kind}" for kind in ("md", "csv", "json")]
+    lengths = folder / "reference_length.json"
+    lengths.unlink(missing_ok=True)  # an older one would not be of this table
+    if len({config.references.seconds for config in plan.setups.values()}) > 1:
+        files.write_json(lengths, reference_length.table(plan.setups, result))
+        made.written.append(lengths)
     picture = folder / "ablation.png"
     try:
         need("matplotlib.figure", "video")

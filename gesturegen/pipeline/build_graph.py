@@ -22,6 +22,7 @@ from gesturegen.pipeline.common import (
     require_writable,
     work_path,
 )
+from gesturegen.pipeline.memory import require_memory
 
 
 def build_graphs(config: Config, jobs: int, quiet: bool, reuse: bool = False) -> Summary:
@@ -29,8 +30,11 @@ def build_graphs(config: Config, jobs: int, quiet: bool, reuse: bool = False) ->
 
     reuse : keep stored graphs whose clips and settings have not changed
     """
-    chosen = chosen_references(config, read_index(config))
-    groups = {graph_name(names): names for names in chosen.values()}
+    index = read_index(config)
+    chosen = chosen_references(config, index)
+    groups = {graph_name(names, config.references.seconds): names for names in chosen.values()}
+    # Searching needs more than building: better to hear of it now than after the graphs have been built.
+    jobs, warnings = require_memory(config, chosen, index, jobs, tasks=len(groups))
     require_writable(work_path(config, "graphs"))
     outcome = for_each(
         {name: partial(_build_graph, names, config, reuse) for name, names in groups.items()},
@@ -38,13 +42,14 @@ def build_graphs(config: Config, jobs: int, quiet: bool, reuse: bool = False) ->
         "build-graph",
         quiet,
     )
-    summary = Summary(outcome, written=[work_path(config, "graphs")])
+    summary = Summary(outcome, warnings, written=[work_path(config, "graphs")])
     summary.lines = [f"{name}: {line}" for name, line in outcome.done.items()]
     return summary
 
 
 def _build_graph(names: Sequence[str], config: Config, reuse: bool) -> str:
-    path, clip_digests = graph_path(config, graph_name(names)), digests(config, names)
+    path = graph_path(config, graph_name(names, config.references.seconds))
+    clip_digests = digests(config, names)
     graph = motion_graph.load_if_current(path, config, clip_digests) if reuse else None
     if graph is None:
         graph = METHODS[config.method].build(load_references(config, names), config)

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+
+import numpy as np
 
 from gesturegen import clips, files, recordings
 from gesturegen.config import Config
@@ -38,11 +41,10 @@ def graph_path(config: Config, name: str) -> Path:
     return work_path(config, "graphs", f"{name}.npz")
 
 
-def graph_name(names: Sequence[str]) -> str:
-    """The name of the graph of one clip or of several."""
-    if len(names) == 1:
-        return names[0]
-    return "multi-" + hashlib.sha256("\n".join(names).encode()).hexdigest()[:12]
+def graph_name(names: Sequence[str], seconds: float | None = None) -> str:
+    """The name of the graph of one clip or of several; seconds : `references.seconds`, at which they are cut."""
+    name = names[0] if len(names) == 1 else "multi-" + hashlib.sha256("\n".join(names).encode()).hexdigest()[:12]
+    return name if seconds is None else f"{name}-{seconds:g}s"
 
 
 def require_writable(folder: Path) -> None:
@@ -78,12 +80,33 @@ def chosen_references(config: Config, index: dict) -> dict[str, tuple[str, ...]]
         raise DataError("no test clip could be preprocessed; mend the errors that `gesturegen preprocess` lists")
     references = {name: row["speaker"] for name, row in index["references"].items()}
     speakers = {name: row["speaker"] for name, row in index["tests"].items()}
-    return recordings.choose_references(sorted(speakers), references, speakers, config)
+    durations = {name: row["seconds"] for name, row in index["references"].items()}
+    return recordings.choose_references(sorted(speakers), references, speakers, config, durations)
 
 
 def load_references(config: Config, names: Sequence[str]) -> list[clips.Reference]:
-    """Stored clips as references, in the order of their names here."""
-    return [clips.load(clip_path(config, name), config).reference(config) for name in names]
+    """Stored clips as references, in the order of their names here; cut where `references.seconds` are over."""
+    loaded, limit = [], config.references.seconds
+    left = math.inf if limit is None else round(limit * config.fps)
+    for name in names:
+        reference = clips.load(clip_path(config, name), config).reference(config)
+        if reference.motion.n_frames > left:
+            # A clip whose motion is longer than its sound may leave nothing for the next, which has been chosen.
+            reference = _cut(reference, max(left, 1))
+        left -= reference.motion.n_frames
+        loaded.append(reference)
+    return loaded
+
+
+def _cut(reference: clips.Reference, n_frames: int) -> clips.Reference:
+    """The first frames of a reference; key nodes on the others are dropped like those on excluded frames."""
+    kept = np.arange(n_frames)  # a slice would keep the whole clip in memory
+    return replace(
+        reference,
+        motion=reference.motion.take(kept),
+        source_frames=reference.source_frames[kept],
+        segment_starts=reference.segment_starts[reference.segment_starts < n_frames],
+    )
 
 
 def digests(config: Config, names: Sequence[str]) -> tuple[str, ...]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +15,14 @@ from gesturegen import __version__, clips, evaluation, files, tables
 from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.graph import motion_graph
+from gesturegen.metrics.feet import FootSkate
 from gesturegen.metrics.usage import training_utilisation
 from gesturegen.motion import bvh, cleanup
 from gesturegen.parallel import Outcome, for_each
 from gesturegen.pipeline.common import (
     Summary,
     clip_path,
+    digests,
     graph_path,
     read_index,
     read_manifest,
@@ -166,12 +169,14 @@ def _measure(evidence: _Evidence, config: Config) -> dict:
         require_same_joints(evidence.truth, truth, generated)
     trace = graph = None
     references: list[str] = []
+    skate = evaluation.NAN
     if evidence.trace is not None:
         trace = files.read_json(evidence.trace)
         references = [reference["clip"] for reference in trace["references"]]
         graph = motion_graph.load(graph_path(config, trace["graph"]))
+        skate = reference_skate(config, references)
     onset_times = read_onset_times(evidence.audio, config)
-    row = evaluation.measure_clip(generated, config, onset_times, truth, trace, graph)
+    row = evaluation.measure_clip(generated, config, onset_times, truth, trace, graph, skate)
     return {"row": row, "generated": generated, "truth": truth, "references": references}
 
 
@@ -189,6 +194,21 @@ def locate_file(path: Path, config: Config) -> evaluation.Joints:
     if "positions" not in stored or stored["positions"].ndim != 3 or stored["positions"].shape[-1] != 3:
         raise DataError(f"{path}: expected an array `positions` of shape (frames, joints, 3)")
     return evaluation.from_positions(stored["positions"].astype(np.float64), config)
+
+
+def reference_skate(config: Config, names: Sequence[str]) -> float:
+    """Foot skate of stored clips, cm/s; NaN where there are no feet or none is ever in contact."""
+    settings = config.model_dump_json(by_alias=True)
+    skates = [_clip_skate(str(clip_path(config, name)), digests(config, [name])[0], settings) for name in names]
+    return evaluation.mean_foot_skate(skates)
+
+
+@cache
+def _clip_skate(path: str, _digest: str, settings: str) -> tuple[FootSkate, int]:
+    """Small figures of large files: a worker reads each reference once."""
+    config = Config.model_validate_json(settings)
+    motion = clips.load(path, config).motion
+    return evaluation.foot_skate(evaluation.locate(motion, config)), motion.n_frames
 
 
 def read_onset_times(path: Path | None, config: Config) -> np.ndarray | None:

@@ -1,13 +1,20 @@
-"""`reenact`: graphs and speeches to motion (§4.2)."""
+"""`reenact`: graphs and speeches to motion (§4.2), in one variant or several to pick from."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+import os
+import shutil
+from collections.abc import Iterator, Sequence
 from functools import lru_cache, partial
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
 
 from gesturegen import __version__, clips, files, keynodes, render, submission
 from gesturegen.config import Config
+from gesturegen.errors import DataError
 from gesturegen.graph import motion_graph
 from gesturegen.methods import METHODS
 from gesturegen.motion.skeleton import Motion
@@ -24,37 +31,51 @@ from gesturegen.pipeline.common import (
     require_writable,
     work_path,
 )
+from gesturegen.pipeline.memory import require_memory
 from gesturegen.randomness import generator
 
+# Frames of a reference that are further apart than this show another moment of it.
+ELSEWHERE_FRAMES = 15
 
-def reenact(config: Config, jobs: int, quiet: bool, reuse: bool = False) -> Summary:
+
+def reenact(config: Config, jobs: int, quiet: bool, reuse: bool = False, variants: int = 1) -> Summary:
     """Search and render every test clip; write BVH, trace and manifest (§4.2).
 
-    reuse : keep written clips whose graph, speech and settings have not changed
+    reuse : keep written clips whose graph, speech and settings have not changed; not with several variants
+    variants : results per clip. The first is in `WORK/reenact`, the others are in work folders of their own,
+        `WORK/variants/2` and so on. Those of earlier runs are removed, with `reuse` only when this result changes.
     """
     index = read_index(config)
     chosen = chosen_references(config, index)
-    folder = work_path(config, "reenact")
-    require_writable(folder)
+    _refuse_variant(config)
+    jobs, warnings = require_memory(config, chosen, index, jobs)
+    folders = [_folder(config, variant) for variant in range(1, variants + 1)]
+    require_writable(folders[0])
+    reuse = reuse and variants == 1
+    if not reuse:
+        _remove_variants(config)
+    for folder in folders[1:]:
+        _link_inputs(config, folder.parent)
     outcome = for_each(
-        {test: partial(_reenact_clip, test, names, config, reuse) for test, names in chosen.items()},
+        {test: partial(_reenact_clip, test, names, config, reuse, variants) for test, names in chosen.items()},
         jobs,
         "reenact",
         quiet,
     )
-    rows = [done["row"] for done in outcome.done.values()]
     outcome.errors |= {name: f"failed in preprocess: {error}" for name, error in index["failed"].items()}
-    for name, error in (outcome.errors | dict.fromkeys(outcome.bugs, "a bug of gesturegen")).items():
-        submission.remove_clip(folder, name)
-        rows.append({"clip": name, "references": list(chosen.get(name, ())), "stuck": False, "error": error})
-    files.write_json(folder / "manifest.json", submission.manifest(rows, config, folder))
-    summary = Summary(outcome, written=[folder])
-    summary.warnings = [(name, note) for name, done in outcome.done.items() for note in done["notes"]]
-    for row in rows:
-        if row["stuck"]:
-            del outcome.done[row["clip"]]
-            outcome.errors[row["clip"]] = row["error"]
-    summary.lines = [_describe_row(done["row"]) for done in outcome.done.values()]
+    failed = outcome.errors | dict.fromkeys(outcome.bugs, "a bug of gesturegen")
+    for variant, folder in enumerate(folders, 1):
+        rows = [results[variant - 1]["row"] for results in outcome.done.values()]
+        for name, error in failed.items():
+            submission.remove_clip(folder, name)
+            rows.append({"clip": name, "references": list(chosen.get(name, ())), "stuck": False, "error": error})
+        manifest = submission.manifest(rows, config, folder, variant)
+        if variants == 1 and not _is_stored(manifest, folder):
+            _remove_variants(config)
+        files.write_json(folder / "manifest.json", manifest)
+    summary = Summary(outcome, written=[folders[0], *(folder.parent for folder in folders[1:])])
+    _describe(summary, config)
+    summary.warnings += warnings
     return summary
 
 
@@ -64,39 +85,171 @@ def _library(
 ) -> tuple[list[clips.Reference], motion_graph.MotionGraph]:
     """References and graph; a worker keeps the last ones, since test clips often share them."""
     config = Config.model_validate_json(config_json)
-    graph = motion_graph.load(graph_path(config, graph_name(names)), config, clip_digests)
+    graph = motion_graph.load(graph_path(config, graph_name(names, config.references.seconds)), config, clip_digests)
     return load_references(config, names), graph
 
 
-def _reenact_clip(test: str, names: tuple[str, ...], config: Config, reuse: bool) -> dict:
-    folder = work_path(config, "reenact")
-    stored_graph = graph_path(config, graph_name(names))
+def _reenact_clip(test: str, names: tuple[str, ...], config: Config, reuse: bool, variants: int) -> list[dict]:
+    """Write all variants of a clip, one after the other: each is searched in view of the earlier ones."""
+    stored_graph = graph_path(config, graph_name(names, config.references.seconds))
     clip_digests = digests(config, names)
     graph_digest = files.sha256(stored_graph) if stored_graph.is_file() else ""
     made_of = (__version__, config.signature(), test, *clip_digests, graph_digest, *digests(config, [test]))
-    inputs = hashlib.sha256("\n".join(made_of).encode()).hexdigest()
-    trace = submission.read_trace_if_current(folder, test, inputs) if reuse else None
-    if trace is None:
-        references, graph = _library(config.model_dump_json(by_alias=True), names, clip_digests, graph_digest)
-        trace, motion = gesture(test, references, graph, config)
-        submission.write_clip(folder, test, motion, {**trace, "inputs": inputs})
-    return {"row": submission.clip_row(trace), "notes": trace["notes"]}
+    inputs = [
+        hashlib.sha256("\n".join((*made_of, f"variant {variant}")).encode()).hexdigest()
+        for variant in range(1, variants + 1)
+    ]
+    trace = submission.read_trace_if_current(_folder(config, 1), test, inputs[0]) if reuse else None
+    if trace is not None:
+        return [{"row": submission.clip_row(trace), "notes": trace["notes"], "new": None}]
+    references, graph = _library(config.model_dump_json(by_alias=True), names, clip_digests, graph_digest)
+    results, shown = [], []
+    for trace, motion in islice(gestures(test, references, graph, config), variants):
+        variant = trace["variant"]
+        submission.write_clip(_folder(config, variant), test, motion, {**trace, "inputs": inputs[variant - 1]})
+        new = None
+        if motion is not None:
+            nodes = submission.shown_nodes(trace)
+            new = share_of_new_frames(nodes, shown, graph) if shown else None
+            shown.append(nodes)
+        results.append({"row": submission.clip_row(trace), "notes": trace["notes"], "new": new})
+    return results
 
 
 def gesture(
     test: str, references: Sequence[clips.Reference], graph: motion_graph.MotionGraph, config: Config
 ) -> tuple[dict, Motion | None]:
     """The trace of one test clip and its motion, None where the search got stuck."""
+    return next(gestures(test, references, graph, config))
+
+
+def gestures(
+    test: str, references: Sequence[clips.Reference], graph: motion_graph.MotionGraph, config: Config
+) -> Iterator[tuple[dict, Motion | None]]:
+    """As many variants of `gesture` as are asked for, each made to differ from those before it."""
     speech = clips.load(clip_path(config, test), config, with_motion=False).test_speech(config)
     key_nodes = keynodes.of_speech(speech, config.keywords.words)
-    path = METHODS[config.method].search(graph, speech, config, generator(config.seed, test))
-    trace = submission.make_trace(path, graph, graph_name(graph.clip_names), speech, key_nodes, config)
-    return trace, render.render(path, references, graph, config) if path.failure is None else None
+    earlier = []
+    while True:
+        variant = len(earlier) + 1
+        rng = generator(config.seed, _title(test, variant))
+        path = METHODS[config.method].search(graph, speech, config, rng, [p for p in earlier if p.failure is None])
+        earlier.append(path)
+        name = graph_name(graph.clip_names, config.references.seconds)
+        trace = submission.make_trace(path, graph, name, speech, key_nodes, config, variant)
+        yield trace, render.render(path, references, graph, config) if path.failure is None else None
 
 
-def _describe_row(row: dict) -> str:
+def share_of_new_frames(nodes: np.ndarray, earlier: Sequence[np.ndarray], graph: motion_graph.MotionGraph) -> float:
+    """The share of frames that show another moment of the references than the same frames of each earlier variant.
+
+    nodes : `[shape=(n_frames,)]`, shown; earlier : the same of other variants. Another moment is one of
+    another clip, or over `ELSEWHERE_FRAMES` away in its recording.
+    """
+
+    def place(shown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.searchsorted(graph.clip_starts, shown, side="right"), graph.source_frames[shown]
+
+    clip, frame = place(nodes)
+    new = np.ones(len(nodes), dtype=bool)
+    for other_clip, other_frame in map(place, earlier):
+        new &= (clip != other_clip) | (np.abs(frame - other_frame) > ELSEWHERE_FRAMES)
+    return float(new.mean())
+
+
+# --- folders of variants ------------------------------------------------------------------------------------
+
+
+def _title(test: str, variant: int) -> str:
+    return test if variant == 1 else f"{test}, variant {variant}"
+
+
+def _folder(config: Config, variant: int) -> Path:
+    """Where the BVH files of a variant are."""
+    return work_path(config, *(() if variant == 1 else ("variants", str(variant))), "reenact")
+
+
+def _refuse_variant(config: Config) -> None:
+    """Its clips and graphs are another folder's: a result of its own would pass for a variant of that one's."""
+    work = work_path(config).resolve()
+    if work.parent.name == "variants" and work.name.isdecimal() and (work / "clips").is_symlink():
+        raise DataError(
+            f"{work_path(config)}: holds a variant of {work.parent.parent}, so nothing is reenacted into it; "
+            "give another folder with --work"
+        )
+
+
+def _link_inputs(config: Config, work: Path) -> None:
+    """Make the work folder of a variant whole, so that every command works on it: it shares clips and graphs."""
+    require_writable(work / "reenact")
+    for name in ("clips", "graphs"):
+        target = os.path.relpath(work_path(config, name).resolve(), work.resolve())
+        try:
+            (work / name).symlink_to(target, target_is_directory=True)
+        except OSError as error:
+            raise DataError(
+                f"{work / name}: cannot be a link to {target} ({error.strerror}); choose a folder that can hold links, "
+                "with --work"
+            ) from None
+
+
+def _remove_variants(config: Config) -> None:
+    """Those of an earlier run must not pass for this one's. Folders of other names are not ours."""
+    folder = work_path(config, "variants")
+    found = [path for path in sorted(folder.glob("*")) if path.name.isdecimal() and path.is_dir()]
+    path = folder
+    try:
+        for path in found:  # without their manifests they are no results, should the removal be interrupted
+            (path / "reenact" / "manifest.json").unlink(missing_ok=True)
+        for path in found:
+            shutil.rmtree(path)
+        path = folder
+        if folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()
+    except OSError as error:
+        raise DataError(
+            f"{path}: variants of an earlier run cannot be removed ({error.strerror or error}); remove them by hand"
+        ) from None
+
+
+def _is_stored(manifest: dict, folder: Path) -> bool:
+    """Whether an earlier run left the same manifest, and so the same result of the same inputs."""
+    try:
+        return files.read_json(folder / "manifest.json") == manifest
+    except DataError:
+        return False
+
+
+# --- the summary --------------------------------------------------------------------------------------------
+
+
+def _describe(summary: Summary, config: Config) -> None:
+    """Lines, warnings and errors, for each variant of each clip; variants that got stuck move to the errors."""
+    outcome = summary.outcome
+    hint = "give longer references" + (" or set search=global" if config.search == "beam" else "")
+    done, outcome.done = outcome.done, {}
+    for test, results in done.items():
+        said: set[str] = set()
+        for variant, result in enumerate(results, 1):
+            title, row = _title(test, variant), result["row"]
+            summary.warnings += [(title, note) for note in result["notes"] if note not in said]
+            said.update(result["notes"])
+            if row["stuck"]:
+                outcome.errors[title] = row["error"]
+                continue
+            if result["new"] == 0:
+                summary.warnings.append((title, f"shows nothing that earlier variants do not; {hint}"))
+            outcome.done[title] = result
+            summary.lines.append(f"{title}: {_figures(row)}{_difference(result['new'])}")
+
+
+def _figures(row: dict) -> str:
     fallbacks = ", ".join(f"{count} {kind}" for kind, count in row["fallbacks"].items()) or "none"
     return (
-        f"{row['clip']}: {row['n_frames']} frames, {row['pieces']} pieces, {row['hard_joins']} hard joins, "
+        f"{row['n_frames']} frames, {row['pieces']} pieces, {row['hard_joins']} hard joins, "
         f"{row['retries']} retries, fallbacks: {fallbacks}"
     )
+
+
+def _difference(new: float | None) -> str:
+    return "" if new is None else f"; {new:.0%} of the frames in no earlier variant"

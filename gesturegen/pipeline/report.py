@@ -98,12 +98,16 @@ def _evaluation(config: Config, manifest: dict) -> tuple[list[str], dict | None]
 
 def _ablation(config: Config) -> page.Ablation | None:
     """Results of `gesturegen ablate` in the same work folder, where there are any."""
-    plot, table = work_path(config, "ablation", "ablation.png"), work_path(config, "ablation", "ablation.json")
-    if not plot.is_file() and not table.is_file():
+    names = ("ablation.png", "ablation.json", "reference_length.json")
+    plot, table, lengths = (
+        path if path.is_file() else None for path in (work_path(config, "ablation", n) for n in names)
+    )
+    if plot is None and table is None:
         return None
     return page.Ablation(
-        plot=plot.read_bytes() if plot.is_file() else None,
-        results=files.read_json(table) if table.is_file() else None,
+        plot=plot and plot.read_bytes(),
+        results=table and files.read_json(table),
+        lengths=lengths and files.read_json(lengths),
     )
 
 

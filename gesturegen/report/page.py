@@ -21,6 +21,7 @@ from gesturegen import evaluation, files
 from gesturegen.ablation.summary import FIGURES
 from gesturegen.ablation.tables import format_spread
 from gesturegen.config import Config
+from gesturegen.report import lengths
 from gesturegen.tables import format_figure
 
 _SCRIPTS = ("figure.js", "timeline.js", "player.js", "controls.js")
@@ -28,10 +29,14 @@ _SCRIPTS = ("figure.js", "timeline.js", "player.js", "controls.js")
 
 @dataclass(frozen=True)
 class Ablation:
-    """Results of `gesturegen ablate`: a PNG and the parsed JSON, each None where there is none."""
+    """Results of `gesturegen ablate`: a PNG and the parsed JSON files, each None where there is none.
+
+    lengths : of `reference_length.json`
+    """
 
     plot: bytes | None
     results: object | None
+    lengths: object | None = None
 
 
 @dataclass(frozen=True)
@@ -206,7 +211,24 @@ def _ablation(ablation: Ablation | None) -> str:
         )
     elif ablation.results is not None:
         html += "<p><code>ablation/ablation.json</code> holds no table that this version can show.</p>"
-    return f'<section id="ablation">{html}</section>'
+    return f'<section id="ablation">{html}</section>{_reference_length(ablation.lengths)}'
+
+
+def _reference_length(results: object | None) -> str:
+    if results is None:
+        return ""
+    html = "<h2>Reference length</h2>"
+    if lines := lengths.lines_of(results):
+        headings, rows = lengths.table_rows(lines)
+        scroll = 'class="scroll" tabindex="0" role="region" aria-label="Table of reference lengths"'
+        table = _table(headings, [_row(escape(name), cells) for name, cells in rows])
+        html += (
+            "<p>One graph of as much reference as the horizontal axis says; means over the test clips.</p>"
+            f"{lengths.plots(lines)}<div {scroll}>{table}</div>"
+        )
+    else:
+        html += "<p><code>ablation/reference_length.json</code> holds no lines that this version can show.</p>"
+    return f'<section id="reference-length">{html}</section>'
 
 
 def _ablation_table(setups: Mapping[str, Mapping]) -> str:

@@ -14,8 +14,13 @@ _RATIO_SLACK = 1e-9
 
 def accepted_lengths(target: int, settings: Beam) -> tuple[int, int]:
     """The shortest and longest path length, in nodes, accepted for a piece of `target` frames."""
-    shortest = int(np.ceil(settings.min_ratio * target - _RATIO_SLACK))
-    longest = int(np.floor(settings.max_ratio * target + _RATIO_SLACK))
+    return ratio_lengths(target, settings.min_ratio, settings.max_ratio)
+
+
+def ratio_lengths(target: int, min_ratio: float, max_ratio: float) -> tuple[int, int]:
+    """The shortest and longest length, at least 1, whose ratio to `target` lies between the two."""
+    shortest = int(np.ceil(min_ratio * target - _RATIO_SLACK))
+    longest = int(np.floor(max_ratio * target + _RATIO_SLACK))
     return max(shortest, 1), longest
 
 

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from gesturegen.motion.skeleton import read_only
 
+# How a part of a long piece ends that may end anywhere.
+CUT = "cut"
+
 
 @dataclass(frozen=True)
 class Target:
     """A stretch [start_frame, end_frame) of the test speech, and how it ends.
 
-    end_kind : kind of the key node at `end_frame`, `onset`, `keyword` or (the last piece) `break`
+    end_kind : kind of the key node at `end_frame`, `onset`, `keyword` or (the last piece) `break`, else `cut`
     """
 
     start_frame: int
@@ -31,7 +35,8 @@ class Piece:
     """The nodes found for one target, as searched, before resampling to the target's length.
 
     nodes : int [shape=(n,)]; cost : of the path; retries : how many the search needed
-    fallback : None, or what had to give way: `keyword`, `discard` or `repeat` (appendix A.1)
+    fallback : None, or what had to give way: `keyword`, `discard` or `repeat` (appendix A.1), `hold` or `end`
+    costs : what the cost is made of, by term of the objective; None where the search has no terms
     """
 
     target: Target
@@ -39,6 +44,7 @@ class Piece:
     cost: float
     retries: int = 0
     fallback: str | None = None
+    costs: Mapping[str, float] | None = None
 
     def __post_init__(self):
         object.__setattr__(self, "nodes", read_only(self.nodes))
@@ -59,13 +65,20 @@ class Track:
     pieces: tuple[Piece, ...]
     joints: tuple[str, ...] | None = None
 
+    @property
+    def nodes(self) -> np.ndarray:
+        """The nodes of all pieces `[shape=(n,)]`, as searched."""
+        return np.concatenate([piece.nodes for piece in self.pieces])
+
 
 @dataclass(frozen=True, eq=False)
 class Path:
     """The result for a whole test speech.
 
     failure : None, or the target at which the search got stuck, with the pieces found before it
+    objective : None, or the objective of a global search by term, `first` without repetition and `final`
     """
 
     tracks: tuple[Track, ...]
     failure: Target | None = None
+    objective: Mapping[str, Mapping[str, float]] | None = None

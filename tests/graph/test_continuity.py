@@ -19,6 +19,11 @@ def line(*x):
     return positions
 
 
+def distances(positions, starts, lefts, rights, rules):
+    poses = continuity.flatten(positions)
+    return continuity.pose_distances(poses, continuity.velocities(poses, np.array(starts)), lefts, rights, rules)
+
+
 def found(positions, starts, rules, **options):
     """Candidates of the package as (left, right, distance)."""
     starts = np.array(starts)
@@ -41,14 +46,14 @@ def test_distance_weighs_positions_and_velocities():
     positions = line(0, 1, 3, 10)
     rules = Continuity(lambda_pos=2.0, lambda_vel=0.5)
     # v = 1, 1, 2, 7: 2 * |0 - 10| + 0.5 * |1 - 7|
-    assert continuity.pose_distances(positions, np.array([0]), [0, 2], [3, 1], rules).tolist() == [23.0, 4.5]
+    assert distances(positions, [0], [0, 2], [3, 1], rules).tolist() == [23.0, 4.5]
 
 
 def test_distance_is_taken_over_all_joints_at_once():
     positions = np.zeros((2, 2, 3), dtype=np.float32)
     positions[1] = [[1, 2, 2], [4, 0, 0]]
     rules = Continuity(lambda_vel=0.0)
-    assert continuity.pose_distances(positions, np.array([0]), [0], [1], rules).tolist() == [5.0]
+    assert distances(positions, [0], [0], [1], rules).tolist() == [5.0]
 
 
 def test_threshold_is_the_mean_to_the_following_frames_of_the_segment():
@@ -110,9 +115,7 @@ def test_preselection_loses_no_pair_one_bit_below_the_threshold():
     poses = continuity.flatten(positions)
     starts = np.array([0])
     speeds = continuity.velocities(poses, starts)
-    exact = continuity.pose_distances(
-        positions, starts, np.repeat(np.arange(80), 80), np.tile(np.arange(80), 80), rules
-    )
+    exact = continuity.pose_distances(poses, speeds, np.repeat(np.arange(80), 80), np.tile(np.arange(80), 80), rules)
     exact = exact.reshape(80, 80)
     for column in range(0, 80, 7):
         # Each frame's limit is the very next float above its distance to one frame.
@@ -141,5 +144,5 @@ def test_distances_of_the_kernel_have_the_bits_of_a_plain_sum():
     poses, speeds = naive.poses_and_velocities(positions, [0, 9])
     rules = Continuity(lambda_pos=0.7, lambda_vel=1.3)
     for left in (0, 8, 9, 29):
-        ours = continuity.pose_distances(positions, np.array([0, 9]), [left] * 30, range(30), rules)
+        ours = distances(positions, [0, 9], [left] * 30, range(30), rules)
         assert ours.tolist() == naive.distances_from(left, poses, speeds, rules).tolist()

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gesturegen.metrics.feet import foot_contacts, foot_skate
+from gesturegen.metrics.feet import foot_skate
+from gesturegen.motion.feet import contacts
 from tests.metrics import naive_metrics as naive
 
 
@@ -61,8 +62,8 @@ def test_only_the_feet_count():
 def test_height_and_percentile_are_arguments():
     ramp = foot(11)
     ramp[:, 0, 1] = np.arange(11)
-    assert foot_contacts(ramp, height=2.0, floor_percentile=0).sum() == 3
-    assert foot_contacts(ramp, height=2.0, floor_percentile=50).sum() == 8
+    assert contacts(ramp, height=2.0, floor_percentile=0).sum() == 3
+    assert contacts(ramp, height=2.0, floor_percentile=50).sum() == 8
 
 
 def test_one_frame_has_contact_but_no_speed():
@@ -80,5 +81,5 @@ def test_nothing_to_measure_is_undefined():
 @given(st.integers(0, 10**6), st.integers(2, 9))
 def test_equals_naive(seed, frames):
     feet = np.random.default_rng(seed).normal(scale=2.0, size=(frames, 2, 3))
-    expected = naive.foot_skate(feet, foot_contacts(feet), 30)
+    expected = naive.foot_skate(feet, contacts(feet), 30)
     assert foot_skate(feet, [0, 1], fps=30).speed == pytest.approx(expected, nan_ok=True)

@@ -163,3 +163,68 @@ def test_about_y_turns_z_towards_x():
 )
 def test_wrap_angle(angle, wrapped):
     assert rotation.wrap_angle(angle) == pytest.approx(wrapped)
+
+
+# --- between ------------------------------------------------------------------------------------------------
+
+
+def directions(vectors):
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+@pytest.mark.parametrize("scales", [(1.0, 1.0), (1e-12, 1e12), (1e12, 1e-12), (1e-12, 1e-12), (1e12, 1e12)])
+@SMALL
+@given(seeds)
+def test_between_turns_the_shortest_way_into_the_other_direction(scales, seed):
+    rng = np.random.default_rng(seed)
+    start, end = directions(rng.normal(size=(6, 3))), directions(rng.normal(size=(6, 3)))
+    found = rotation.between(scales[0] * start, scales[1] * end)
+    np.testing.assert_allclose(np.linalg.norm(found, axis=-1), 1.0, atol=1e-12)
+    np.testing.assert_allclose(rotation.rotate(found, start), end, atol=1e-9)
+    # No rotation that takes one direction to another is by less than the angle between them.
+    angle = np.arctan2(np.linalg.norm(np.cross(start, end), axis=-1), np.sum(start * end, axis=-1))
+    np.testing.assert_allclose(rotation.angle_between(np.broadcast_to(rotation.IDENTITY, (6, 4)), found), angle)
+
+
+AXES = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, 0, 0), (0, -1, 0), (0, 0, -1), (1, 1, 1), (2, -3, 6), (1, 1e-9, 0)]
+
+
+@pytest.mark.parametrize("scale", (1e-12, 1.0, 1e12))
+@pytest.mark.parametrize("axis", AXES)
+def test_between_parallel_vectors_is_no_rotation(axis, scale):
+    vector = np.array(axis, dtype=float)
+    np.testing.assert_allclose(np.abs(rotation.between(vector, scale * vector)), rotation.IDENTITY, atol=1e-12)
+
+
+@pytest.mark.parametrize("scale", (1e-12, 1.0, 1e12))
+@pytest.mark.parametrize("axis", AXES)
+def test_between_opposite_vectors_is_half_a_turn(axis, scale):
+    vector = np.array(axis, dtype=float)
+    found = rotation.between(vector, -scale * vector)
+    np.testing.assert_allclose(rotation.rotate(found, vector), -vector, atol=1e-9)
+    assert rotation.angle_between(rotation.IDENTITY, found) == pytest.approx(np.pi)
+
+
+@pytest.mark.parametrize("short", (1e-14, 1e-12, 1e-11, 1e-9, 1e-7, 1e-4))
+@pytest.mark.parametrize("axis", AXES)
+def test_between_vectors_that_are_almost_opposite(axis, short):
+    start = directions(np.array(axis, dtype=float))
+    across = directions(np.cross(start, [0.3, -0.5, 0.7]))
+    end = -np.cos(short) * start + np.sin(short) * across
+    # As near to half a turn as this the axis is known to few digits, and the vector need only point the right way.
+    np.testing.assert_allclose(rotation.rotate(rotation.between(start, end), start), end, atol=1e-3)
+
+
+def test_between_vectors_without_length_is_no_rotation():
+    zero, some = np.zeros(3), np.array([3.0, -4.0, 5.0])
+    for start, end in ((zero, some), (some, zero), (zero, zero)):
+        np.testing.assert_array_equal(rotation.between(start, end), rotation.IDENTITY)
+
+
+def test_between_takes_any_shape():
+    rng = np.random.default_rng(5)
+    start, end = rng.normal(size=(4, 1, 3)), rng.normal(size=(2, 3))
+    found = rotation.between(start, end)
+    assert found.shape == (4, 2, 4)
+    np.testing.assert_allclose(found[3, 1], rotation.between(start[3, 0], end[1]), atol=1e-15)
+    assert rotation.between(np.empty((0, 3)), np.empty((0, 3))).shape == (0, 4)

@@ -126,10 +126,26 @@ def manifest(names, failed=()) -> dict:
     }  # fmt: skip
 
 
-def write_page(path, texts: dict[str, str], failed=()):
+def reference_length() -> dict:
+    """`ablation/reference_length.json` of two searches at seven lengths."""
+    lines = {}
+    for search, distance in (("beam", 2600.0), ("global", 1900.0)):
+        lines[search] = [
+            {
+                "setup": f"{minutes:g}min_{search}", "asked_seconds": 60.0 * minutes, "reference_seconds": 60.0 * minutes,
+                "join_distance_per_minute": distance / (1.0 + minutes) ** 0.3, "join_distance_mean": 8.0,
+                "hard_joins_per_minute": 90.0, "reference_share": 0.6 / (1.0 + minutes),
+                "used_seconds": 36.0 * minutes / (1.0 + minutes), "objective": 3000.0, "search_seconds": minutes,
+            }
+            for minutes in (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0)
+        ]  # fmt: skip
+    return {"signature": {}, "n_clips": 2, "lines": lines}
+
+
+def write_page(path, texts: dict[str, str], failed=(), ablation: page.Ablation | None = None):
     """A report of packed clips, such as the command writes."""
     content = page.Content(
-        manifest(texts, failed), None, [], [], dict.fromkeys(failed, "it broke"), None, texts, join_scale=28.0
+        manifest(texts, failed), None, [], [], dict.fromkeys(failed, "it broke"), ablation, texts, join_scale=28.0
     )
     page.write(path, content, load_config())
     return path

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 import pytest
 
 from gesturegen.motion.skeleton import Skeleton
+from gesturegen.report.page import Ablation
 from tests.builders import chain
 from tests.report import synthetic
 
@@ -276,6 +277,38 @@ def test_a_narrow_window_never_scrolls_sideways(kind, width, browser, reports):
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         page.tap("#play")
         page.wait_for_function("() => Number(document.getElementById('player').dataset.frame) > 3")
+
+
+@pytest.mark.parametrize("width", [320, 390, 1280])
+def test_the_plots_of_reference_lengths_fit_and_can_be_read(width, browser, tmp_path):
+    shown = Ablation(None, None, synthetic.reference_length())
+    path = synthetic.write_page(tmp_path / "page.html", {"tst_a": synthetic.clip_text("tst_a")}, ablation=shown)
+    with opened(browser, path, viewport={"width": width, "height": 844}) as page:
+        ready(page)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        plots = page.locator("#reference-length svg.plot")
+        assert plots.count() == 3
+        tops = {plots.nth(k).bounding_box()["y"] for k in range(3)}
+        assert len(tops) == (1 if width == 1280 else 3), "side by side, or one below the other"
+        for k in range(3):
+            # Every letter inside its plot, not too small, and clear of its neighbours.
+            faults = plots.nth(k).evaluate("""plot => {
+                const around = plot.getBoundingClientRect(), found = [];
+                const boxes = [...plot.querySelectorAll("text")].map(text => [text.textContent, text.getBoundingClientRect()]);
+                for (const [text, box] of boxes) {
+                    if (box.left < around.left || box.right > around.right || box.bottom > around.bottom) found.push("out: " + text);
+                    if (box.height < 9) found.push("small: " + text);
+                    for (const [other, near] of boxes)
+                        if (near !== box && near.left < box.right && box.left < near.right && near.top < box.bottom - 2 && box.top < near.bottom - 2)
+                            found.push(text + " over " + other);
+                }
+                return found;
+            }""")
+            assert faults == []
+        colours = plots.first.evaluate(
+            "plot => [...plot.querySelectorAll('.line-0, .line-1')].map(l => getComputedStyle(l).stroke)"
+        )
+        assert len(set(colours)) == 2 and "none" not in colours
 
 
 def test_with_reduced_motion_nothing_moves_unasked(browser, reports):

@@ -13,7 +13,7 @@ import pytest
 
 from gesturegen.config import load_config
 from gesturegen.graph import motion_graph
-from gesturegen.report import page
+from gesturegen.report import lengths, page
 from gesturegen.submission import shown_nodes
 from tests import tiny
 from tests.builders import chain, write_clip
@@ -197,6 +197,71 @@ def test_an_ablation_is_shown_where_there_is_one(recorded, work):
 def test_an_ablation_of_another_shape_does_no_harm(results):
     html = page._ablation(page.Ablation(None, results))
     assert "holds no table" in html or "<tbody></tbody>" in html
+
+
+def points(search: str, *rows) -> list[dict]:
+    """Points of a line from rows (minutes, join distance per minute, share of the reference)."""
+    return [
+        {
+            "setup": f"{minutes:g}min_{search}", "asked_seconds": 60.0 * minutes, "reference_seconds": 60.0 * minutes,
+            "join_distance_per_minute": distance, "reference_share": share, "used_seconds": share and 60.0 * minutes * share,
+        }
+        for minutes, distance, share in rows
+    ]  # fmt: skip
+
+
+def places(html: str, shape: str) -> list[list[tuple[float, float]]]:
+    """Where the markers of each plot are."""
+    x, y = {"circle": ("cx", "cy"), "rect": ("x", "y")}[shape]
+    plots = re.findall(r'<svg class="plot".*?</svg>', html)
+    return [
+        [(float(a), float(b)) for a, b in re.findall(rf'<{shape} class="mark-\d" {x}="([\d.]+)" {y}="([\d.]+)"', plot)]
+        for plot in plots
+    ]
+
+
+def test_reference_lengths_are_plotted(recorded, work):
+    (work / "ablation").mkdir()
+    (work / "ablation/ablation.json").write_text(json.dumps({"setups": {}}))
+    lines = {
+        "beam": points("beam", (0.5, 900.0, 0.5), (5, 300.0, 0.2)),
+        "glo<bal>": points("global", (0.5, 700.0, 0.6), (5, None, None)),
+    }
+    (work / "ablation/reference_length.json").write_text(json.dumps({"lines": lines}))
+    report(recorded, work)
+    html, tags, _ = read(work / "report.html")
+    section = html[html.index('id="reference-length"') :]
+    assert section.count('<svg class="plot"') == 3 and "glo&lt;bal&gt;" in section and "glo<bal>" not in section
+    for axis in ("cm per minute of output", "reference length, minutes (log)", "%", "seconds"):
+        assert axis in section
+    beam, other = places(section, "circle"), places(section, "rect")
+    assert [len(marks) for marks in beam] == [2, 2, 2] and [len(marks) for marks in other] == [1, 1, 1]
+    (x_short, y_far), (x_long, y_near) = beam[0]
+    assert x_short < x_long and y_far < y_near, "a smaller distance lies lower, at a greater length"
+    assert beam[2][0][1] > beam[2][1][1], "more seconds lie higher"
+    assert not [attributes for tag, attributes in tags.tags if "style" in attributes]
+    assert {"0.5min_beam", "5min_global"} <= set(tags.texts["th"]) and "900" in tags.texts["td"]
+    assert "beam 900 cm at 0.5 min to 300 cm at 5 min" in section
+
+
+@pytest.mark.parametrize(
+    "results", [[], {}, {"lines": 1}, {"lines": {"a": 3}}, {"lines": {"a": [{}, 5, {"reference_seconds": "x"}]}}]
+)
+def test_reference_lengths_of_another_shape_do_no_harm(results):
+    assert "holds no lines" in page._ablation(page.Ablation(None, None, results))
+
+
+def test_reference_lengths_without_a_figure_have_no_plot():
+    html = page._ablation(page.Ablation(None, None, {"lines": {"beam": points("beam", (1, None, None))}}))
+    assert '<svg class="plot"' not in html and html.count("No figure.") == 3
+
+
+@pytest.mark.parametrize(
+    ("largest", "top", "step"),
+    [(0.0, 1.0, 0.5), (1.0, 1.0, 0.5), (93.0, 100.0, 50.0), (812.0, 1000.0, 500.0), (41, 60, 20)],
+)
+def test_the_scale_of_a_plot(largest, top, step):
+    assert lengths._scale(largest) == pytest.approx((top, step))
 
 
 # --- side by side -------------------------------------------------------------------------------------------

@@ -1,0 +1,32 @@
+"""Pauses: where neither a word nor an onset is to be heard for a while."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gesturegen.speech.transcript import Word
+
+# A gap of exactly the limit, in frames, is no pause, whatever the rounding of the limit.
+_FRAME_SLACK = 1e-6
+
+
+def speaking_frames(
+    words: Sequence[Word], onset_frames: np.ndarray, n_frames: int, fps: float, min_seconds: float
+) -> np.ndarray:
+    """bool `[shape=(n_frames,)]`: False in every run of over `min_seconds` that holds no word and no onset.
+
+    Runs at the beginning and at the end count as well, and so does a speech without any word or onset.
+    """
+    heard = np.zeros(n_frames, dtype=bool)
+    for word in words:
+        start, end = word.frames(fps)
+        heard[max(start, 0) : max(end, 0)] = True
+    heard[onset_frames] = True
+    edges = np.diff(np.concatenate([[False], ~heard, [False]]).astype(np.int8))
+    speaking = np.ones(n_frames, dtype=bool)
+    for start, end in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
+        if end - start > min_seconds * fps + _FRAME_SLACK:
+            speaking[start:end] = False
+    return speaking
