@@ -188,28 +188,35 @@ def _bound_joins(piece, pieces, prices, joins, tables):
     targets, wanted = tables.targets[piece], tables.wanted[piece]
     n_nodes = len(joins.successors)
     least = first_costs.min()
-    # Where a piece may end anywhere every node is a likely end.
+    # Where a piece may end anywhere every node is a likely end that is in the state of the test speech there.
     anywhere = pieces.open_rules[pieces.rules[piece]]
+    state = pieces.speaking[pieces.starts[piece] + pieces.lengths[piece] - 1]
     n_stops = len(joins.stops)
     froms = np.empty(n_stops + n_nodes, dtype=np.int64)
     froms[:n_stops] = joins.stops
     later = np.empty(n_nodes, dtype=np.int64)
     n_later = 0
     for node in range(n_nodes):
-        if joins.successors[node] == node or wanted[node] or anywhere:
+        likely = anywhere and prices.shown[state, node] <= prices.shown[1 - state, node]
+        if joins.successors[node] == node or wanted[node] or likely:
             later[n_later] = node
             froms[n_stops + n_later] = joins.successors[node]
             n_later += 1
     best, to = _cheapest(froms[: n_stops + n_later], joins.stop_costs, first_costs, least, joins)
     for node in range(n_nodes):
         ahead = joins.successors[node]
-        natural = first_costs[ahead]
         anchor, way = joins.anchors[ahead], joins.anchor_costs[ahead]
-        bound = max(best[anchor] - way, least + joins.nearest_costs[ahead])
         if way == 0.0:
             after[node], targets[node], exact[node] = best[anchor], to[anchor], True
-        elif bound >= natural:
-            after[node], targets[node], exact[node] = natural, ahead, True
+            continue
+        bound = max(best[anchor] - way, least + joins.nearest_costs[ahead])
+        known, where = first_costs[ahead], ahead
+        if anywhere:
+            known, where, open_ = _cheapest_near(ahead, first_costs, least, joins)
+            beyond = joins.near_costs[ahead, -1] + least if open_ else np.inf
+            bound = max(bound, beyond)
+        if bound >= known:
+            after[node], targets[node], exact[node] = known, where, True
         else:
             after[node], targets[node], exact[node] = bound, -1, False
     holding = prices.holding[pieces.speaking[pieces.starts[piece] + pieces.lengths[piece]]]

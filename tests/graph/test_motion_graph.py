@@ -282,6 +282,6 @@ def test_the_real_clip_keeps_its_edges_through_build(real_motion):
     again = from_positions(
         graph.positions, graph.segment_starts, rules, joint_names=graph.joint_names, fps=graph.fps,
         clip_names=graph.clip_names, clip_starts=graph.clip_starts, source_frames=graph.source_frames,
-        key_nodes=graph.key_nodes,
+        key_nodes=graph.key_nodes, speaking=graph.speaking,
     )  # fmt: skip
     np.testing.assert_array_equal(again.indices, graph.indices)
