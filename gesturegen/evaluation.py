@@ -229,8 +229,6 @@ def _measure_trace(generated: Joints, trace: Mapping, graph: MotionGraph, config
     )
     use = usage.reference_use(shown, graph.n_nodes)
     frames = np.array([node["frame"] for node in trace["key_nodes"]], dtype=int)
-    any_stop = graph.stop_nodes(None)
-    any_stop[graph.key_nodes.frames[graph.key_nodes.kinds == "keyword"]] = True
 
     def jerk(joints: list[int] | None) -> float:
         if joints == []:
@@ -248,7 +246,7 @@ def _measure_trace(generated: Joints, trace: Mapping, graph: MotionGraph, config
         "seam_jerk": jerk(None),
         "seam_jerk_wrists": jerk(generated.wrists),
         **_measure_wrists(generated, trace, graph, shown),
-        "key_node_share": usage.key_node_share(frames, shown, any_stop),
+        "key_node_share": usage.key_node_share(frames, shown, graph.any_stop),
         "reference_share": use.used_share,
         "max_uses": use.max_uses,
         "repeated_share": use.reused_share,

@@ -39,7 +39,7 @@ def render(path: Path, references: Sequence[Reference], graph: MotionGraph, conf
     their arm, unless `fingers: rest`.
     """
     pieces = path.tracks[0].pieces
-    nodes = np.concatenate([piece.nodes for piece in pieces])
+    nodes = path.tracks[0].nodes
     recorded = _Recorded(references, graph)
     source = recorded.take(nodes)
     before = nodes[:-1]

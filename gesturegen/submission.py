@@ -16,6 +16,7 @@ from gesturegen.graph.motion_graph import MotionGraph
 from gesturegen.keynodes import KeyNodes
 from gesturegen.motion import bvh, rotation
 from gesturegen.motion.skeleton import Motion, Skeleton
+from gesturegen.runs import runs
 from gesturegen.search.path import Path as SearchPath
 from gesturegen.search.path import Piece, resampled_indices
 
@@ -54,7 +55,7 @@ def make_trace(
         ],
         "pieces": [_describe_piece(piece) for piece in pieces],
         "joins": _describe_joins(pieces, graph, config),
-        "pauses": _runs(~keynodes.speaking(speech, config.pauses)),
+        "pauses": runs(~keynodes.speaking(speech, config.pauses)).tolist(),
         "objective": path.objective,
         "failure": stuck
         and {
@@ -264,12 +265,6 @@ def _still_stretches(path: Path, motion: Motion) -> list[str]:
     still = (turns < STILL_DEGREES).all(axis=1) & (moves < STILL_DISTANCE).all(axis=(1, 2))
     return [
         f"{path}: frames {start} to {end}: no motion for {(end - start) / motion.fps:.1f} s"
-        for start, end in _runs(still)
+        for start, end in runs(still).tolist()
         if end - start > STILL_SECONDS * motion.fps
     ]
-
-
-def _runs(marked: np.ndarray) -> list[list[int]]:
-    """First frame and end of every run of marked frames."""
-    edges = np.diff(np.concatenate([[False], marked, [False]]).astype(int))
-    return np.column_stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)]).tolist()

@@ -31,7 +31,8 @@ def spread(values: np.ndarray, segment_starts: np.ndarray, n_frames: int) -> np.
 
 def flatten(positions: np.ndarray) -> np.ndarray:
     """Poses `[shape=(T, J * 3)]` float64 of stored positions `[shape=(T, J, 3)]`."""
-    return np.ascontiguousarray(positions.reshape(len(positions), -1), dtype=np.float64)
+    width = int(np.prod(positions.shape[1:]))  # -1 could not be told where there is no frame
+    return np.ascontiguousarray(positions.reshape(len(positions), width), dtype=np.float64)
 
 
 def velocities(poses: np.ndarray, segment_starts: np.ndarray) -> np.ndarray:

@@ -10,68 +10,48 @@ from pathlib import Path
 import numpy as np
 
 from gesturegen import files
-from gesturegen.clips import Reference, check_settings, select_joints
+from gesturegen.clips import Reference, check_settings
 from gesturegen.config import Config, Continuity
 from gesturegen.errors import DataError
 from gesturegen.graph import continuity, neighbours, pruning
-from gesturegen.keynodes import KeyNodes, of_references, reference_speaking
-from gesturegen.motion import kinematics
-from gesturegen.motion.skeleton import read_only
+from gesturegen.graph.reference_frames import ReferenceFrames, describe, positions_of
+from gesturegen.keynodes import KeyNodes
 
 FORMAT_VERSION = 2
 # Everything a stored graph depends on beyond its clips.
-_SETTINGS = (
+SETTINGS = (
     "fps", "joints", "positions", "continuity", "onsets", "keywords.words", "wrists", "exclude", "breaks",
     "pauses", "references.seconds",
 )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
-class MotionGraph:
-    """Nodes are the frames of the reference clips, one clip after the other; edges are in CSR form.
+class MotionGraph(ReferenceFrames):
+    """Edges between the frames of the references, in CSR form.
 
-    positions : float32 [shape=(N, J, 3)], as used for distances; joint_names : the J joints
-    clip_names : the C reference clips; clip_starts : int [shape=(C,)], their first nodes
-    source_frames : int [shape=(N,)], each node's frame in its recording
-    segment_starts : int [shape=(S,)], first nodes of the uninterrupted stretches
     indptr : int [shape=(N + 1,)], indices : int [shape=(E,)], ascending in each row
     weights : float32 [shape=(E,)], 0 for natural edges; natural : bool [shape=(E,)]
-    thresholds : float [shape=(N,)], NaN where there is none; key_nodes : onset, keyword and break nodes
-    speaking : bool [shape=(N,)], False in the pauses of the references' speech
+    thresholds : float [shape=(N,)], NaN where there is none
     near_nodes : int32 [shape=(N, M)], the M nearest other nodes of each, nearest first (`neighbours.py`)
     near_distances : float [shape=(N, M)], how far they are
     """
 
-    positions: np.ndarray
-    joint_names: tuple[str, ...]
-    fps: float
-    clip_names: tuple[str, ...]
-    clip_starts: np.ndarray
-    source_frames: np.ndarray
-    segment_starts: np.ndarray
     indptr: np.ndarray
     indices: np.ndarray
     weights: np.ndarray
     natural: np.ndarray
     thresholds: np.ndarray
-    key_nodes: KeyNodes
-    speaking: np.ndarray
     near_nodes: np.ndarray
     near_distances: np.ndarray
 
     def __post_init__(self):
-        nodes, edges = len(self.positions), len(self.indices)
-        if len(self.indptr) != nodes + 1 or self.indptr[-1] != edges or len(self.weights) != edges:
+        super().__post_init__()
+        if (
+            len(self.indptr) != self.n_nodes + 1
+            or self.indptr[-1] != len(self.indices)
+            or len(self.weights) != len(self.indices)
+        ):
             raise ValueError("the edges of the graph do not fit its nodes")
-        for name in (
-            "positions", "clip_starts", "source_frames", "segment_starts", "indptr", "indices", "weights",
-            "natural", "thresholds", "speaking", "near_nodes", "near_distances",
-        ):  # fmt: skip
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-
-    @property
-    def n_nodes(self) -> int:
-        return len(self.positions)
 
     @cached_property
     def poses(self) -> np.ndarray:
@@ -83,37 +63,8 @@ class MotionGraph:
         """Of the poses, per frame, `[shape=(N, J * 3)]`."""
         return continuity.velocities(self.poses, self.segment_starts)
 
-    @cached_property
-    def segment_ends(self) -> np.ndarray:
-        """Last nodes `[shape=(S,)]` of the segments."""
-        return continuity.segment_ends(self.segment_starts, self.n_nodes)
-
-    @cached_property
-    def successors(self) -> np.ndarray:
-        """The natural successor of each node `[shape=(N,)]`; a segment's last node is its own."""
-        after = np.arange(1, self.n_nodes + 1)
-        after[self.segment_ends] = self.segment_ends
-        return after
-
     def children(self, node: int) -> np.ndarray:
         return self.indices[self.indptr[node] : self.indptr[node + 1]]
-
-    def stop_nodes(self, keyword: str | None) -> np.ndarray:
-        """bool `[shape=(N,)]`: nodes at which a piece may end (§4.2.2).
-
-        Nodes of exactly `keyword`; without one, onset nodes and the last nodes of segments.
-        """
-        stops = np.zeros(self.n_nodes, dtype=bool)
-        if keyword is not None:
-            stops[self.key_nodes.frames[self.key_nodes.keywords == keyword]] = True
-        else:
-            stops[self.key_nodes.frames[self.key_nodes.kinds == "onset"]] = True
-            stops[self.segment_ends] = True
-        return stops
-
-    def distances(self, lefts, rights, settings: Continuity) -> np.ndarray:
-        """Pose distances `[shape=(K,)]` of pairs of nodes."""
-        return continuity.pose_distances(self.poses, self.velocities, lefts, rights, settings)
 
 
 def build(references: Sequence[Reference], config: Config, block_pairs: int | None = None) -> MotionGraph:
@@ -121,35 +72,9 @@ def build(references: Sequence[Reference], config: Config, block_pairs: int | No
 
     Raises DataError when the skeletons differ.
     """
-    first = references[0]
-    for other in references[1:]:
-        difference = first.motion.skeleton.difference(other.motion.skeleton)
-        if difference:
-            raise DataError(
-                f"clips {first.name} and {other.name} cannot share a graph: {difference}; choose clips of one skeleton"
-            )
-    joints, _ = select_joints(first.motion.skeleton, config)
-    pelvis = first.motion.skeleton.pelvis(config.positions.root_joint)
-    positions = np.concatenate(
-        [kinematics.relative_positions(r.motion, joints, pelvis, config.positions.relative_to) for r in references]
-    )
-    clip_starts = np.cumsum([0, *(r.motion.n_frames for r in references[:-1])])
-    segment_starts = np.concatenate(
-        [r.segment_starts + start for r, start in zip(references, clip_starts, strict=True)]
-    )
-    return from_positions(
-        (positions * config.positions.scale).astype(np.float32),
-        segment_starts,
-        config.continuity,
-        joint_names=tuple(first.motion.skeleton.names[j] for j in joints),
-        fps=first.motion.fps,
-        clip_names=tuple(r.name for r in references),
-        clip_starts=clip_starts,
-        source_frames=np.concatenate([r.source_frames for r in references]),
-        key_nodes=of_references(references, config.keywords.words),
-        speaking=np.concatenate([reference_speaking(r, config.pauses) for r in references]),
-        block_pairs=block_pairs,
-    )
+    described = describe(references, config)
+    positions = np.concatenate([positions_of(reference.motion, config) for reference in references])
+    return from_positions(positions, settings=config.continuity, block_pairs=block_pairs, **described)
 
 
 def from_positions(
@@ -196,7 +121,7 @@ def save(path: str | Path, graph: MotionGraph, config: Config, clip_digests: Seq
         path,
         {
             "format_version": np.array(FORMAT_VERSION),
-            "config": np.array(config.section_json(*_SETTINGS)),
+            "config": np.array(config.section_json(*SETTINGS)),
             "positions": graph.positions,
             "joint_names": np.array(graph.joint_names),
             "fps": np.array(graph.fps),
@@ -235,7 +160,7 @@ def load(path: str | Path, config: Config | None = None, clip_digests: Sequence[
                 f"{path}: format {stored['format_version']}, this version reads {FORMAT_VERSION}; run build-graph again"
             )
         if config is not None:
-            check_settings(path, str(stored["config"]), config.section_json(*_SETTINGS), "build-graph")
+            check_settings(path, str(stored["config"]), config.section_json(*SETTINGS), "build-graph")
         if clip_digests is not None and list(clip_digests) != stored["clip_digests"].tolist():
             raise DataError(f"{path}: its clips were preprocessed again since; run `gesturegen build-graph` again")
         return MotionGraph(

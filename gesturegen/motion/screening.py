@@ -13,6 +13,7 @@ import numpy as np
 
 from gesturegen.motion import kinematics, rotation
 from gesturegen.motion.skeleton import Motion
+from gesturegen.runs import runs
 
 # A speaker's wrists move 10 to 40 cm/s on average; below this the take is of somebody listening.
 MOTIONLESS_WRIST_SPEED = 2.0
@@ -66,7 +67,7 @@ def _motionless(speeds: np.ndarray, names: list[str], wrist_names: Sequence[str]
 
 def _frozen(speeds: np.ndarray, fps: float) -> list[Finding]:
     found = []
-    for start, end in _runs(speeds.max(axis=1) < FROZEN_SPEED):
+    for start, end in runs(speeds.max(axis=1) < FROZEN_SPEED).tolist():
         if end - start >= FROZEN_SECONDS * fps:
             seconds = (end - start) / fps
             found.append(Finding(f"frozen: no joint moves for {seconds:.1f} s", start / fps, (end + 1) / fps))
@@ -107,8 +108,3 @@ def _worst(frames: np.ndarray, names: list[str], turns: np.ndarray, speeds: np.n
     else:
         figure = f"moves {speed:.0f} cm/s, above {GLITCH_JOINT_SPEED:g}"
     return f"glitch: {names[joint]} {figure}, between frames {frame} and {frame + 1}"
-
-
-def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
-    edges = np.diff(np.concatenate([[0], flags.astype(int), [0]]))
-    return list(zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True))

@@ -79,7 +79,7 @@ def shared_graphs(plan: Plan, chosen: _Chosen) -> dict[tuple[str, tuple[str, ...
     for (setup, _), tests in chosen.items():
         config = plan.setups[setup]
         for names in tests.values():
-            made_of = config.method, config.section_json(*motion_graph._SETTINGS), names
+            made_of = config.method, config.section_json(*motion_graph.SETTINGS), names
             groups[setup, names] = owners.setdefault(made_of, setup)
     return groups
 

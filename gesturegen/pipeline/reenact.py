@@ -116,17 +116,10 @@ def _reenact_clip(test: str, names: tuple[str, ...], config: Config, reuse: bool
     return results
 
 
-def gesture(
-    test: str, references: Sequence[clips.Reference], graph: motion_graph.MotionGraph, config: Config
-) -> tuple[dict, Motion | None]:
-    """The trace of one test clip and its motion, None where the search got stuck."""
-    return next(gestures(test, references, graph, config))
-
-
 def gestures(
     test: str, references: Sequence[clips.Reference], graph: motion_graph.MotionGraph, config: Config
 ) -> Iterator[tuple[dict, Motion | None]]:
-    """As many variants of `gesture` as are asked for, each made to differ from those before it."""
+    """Traces and motions of one test clip, None where the search got stuck: each made to differ from those before."""
     speech = clips.load(clip_path(config, test), config, with_motion=False).test_speech(config)
     key_nodes = keynodes.of_speech(speech, config.keywords.words)
     earlier = []

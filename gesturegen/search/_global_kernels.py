@@ -418,20 +418,19 @@ def _is_dominated(node, first_costs, least, joins):
 
 @numba.njit(cache=True, nogil=True)
 def first_node(before, holding, first_costs, joins):
-    """The cheapest first node after a path that ends in `before`, or at all for -1, and the whole cost from there.
+    """The cheapest first node after a path that ends in `before`, or at all for -1.
 
     holding : [shape=(N,)], prices of holding a node at the first frame
     """
     if before < 0:
-        node = np.int64(np.argmin(first_costs))
-        return node, first_costs[node]
+        return np.int64(np.argmin(first_costs))
     ahead = joins.successors[before]
     least = first_costs.min()
     best, to = _cheapest(np.array([ahead]), joins.stop_costs[:0], first_costs, least, joins)
     cost, node = best[0], to[0]
     if ahead == before:
-        cost, node = _after_segment(before, cost, node, first_costs, least, holding, joins)
-    return node, cost
+        _, node = _after_segment(before, cost, node, first_costs, least, holding, joins)
+    return node
 
 
 @numba.njit(cache=True, nogil=True)

@@ -171,7 +171,7 @@ class _Problem:
         open_piece = shape[0] - 1
         while open_piece >= 0:
             kernels.solve(open_piece, pieces, prices, self.joins, tables)
-            start, _ = kernels.first_node(before, holding, tables.first_costs[0], self.joins)
+            start = kernels.first_node(before, holding, tables.first_costs[0], self.joins)
             nodes, counts, open_piece = kernels.follow(start, pieces, self.joins, tables)
             if open_piece >= 0:
                 # The path ends a piece where only a bound of what follows is known.
@@ -208,10 +208,8 @@ def _joins(graph: MotionGraph, settings: GlobalSearch, metric: Continuity) -> ke
     poses, velocities = graph.poses, graph.velocities
     unnatural = ~graph.natural
     lefts = np.repeat(np.arange(graph.n_nodes), np.diff(graph.indptr))[unnatural]
-    key = graph.stop_nodes(None)
-    key[graph.key_nodes.frames] = True
     # Segments' last nodes, which are their own successors, are looked at one by one.
-    inner = graph.successors[key & (graph.successors != np.arange(graph.n_nodes))]
+    inner = graph.successors[graph.any_stop & (graph.successors != np.arange(graph.n_nodes))]
     stops = np.unique(inner) if len(inner) else np.array([0])
     anchors, anchor_costs = _nearest_stop(graph, stops, metric)
     sketch, weights, slack = _sketch(poses, velocities, metric)

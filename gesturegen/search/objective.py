@@ -36,9 +36,7 @@ class PriceList:
     @cached_property
     def passing(self) -> np.ndarray:
         """Of leaving the node inside a piece, `[shape=(2, N)]`."""
-        key_nodes = self._rhythmic.copy()
-        key_nodes[self.graph.key_nodes.frames] = True
-        return self.settings.lambda_pass * np.array([np.zeros(len(key_nodes)), key_nodes])
+        return self.settings.lambda_pass * np.array([np.zeros(self.graph.n_nodes), self.graph.any_stop])
 
     @cached_property
     def holding(self) -> np.ndarray:

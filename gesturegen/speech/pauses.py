@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gesturegen.runs import runs
 from gesturegen.speech.transcript import Word
 
 # A gap of exactly the limit, in frames, is no pause, whatever the rounding of the limit.
@@ -24,9 +25,8 @@ def speaking_frames(
         start, end = word.frames(fps)
         heard[max(start, 0) : max(end, 0)] = True
     heard[onset_frames] = True
-    edges = np.diff(np.concatenate([[False], ~heard, [False]]).astype(np.int8))
     speaking = np.ones(n_frames, dtype=bool)
-    for start, end in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
+    for start, end in runs(~heard):
         if end - start > min_seconds * fps + _FRAME_SLACK:
             speaking[start:end] = False
     return speaking

@@ -1,0 +1,139 @@
+"""The frames of the reference clips as nodes: what every method chooses from, whatever it links them by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import numpy as np
+
+from gesturegen.clips import Reference, select_joints
+from gesturegen.config import Config, Continuity
+from gesturegen.errors import DataError
+from gesturegen.graph import continuity
+from gesturegen.keynodes import KeyNodes, of_references, reference_speaking
+from gesturegen.motion import kinematics
+from gesturegen.motion.skeleton import Motion, Skeleton, read_only
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceFrames:
+    """Nodes are the frames of the reference clips, one clip after the other.
+
+    positions : float32 [shape=(N, J, 3)], as used for distances; joint_names : the J joints
+    clip_names : the C reference clips; clip_starts : int [shape=(C,)], their first nodes
+    source_frames : int [shape=(N,)], each node's frame in its recording
+    segment_starts : int [shape=(S,)], first nodes of the uninterrupted stretches
+    key_nodes : onset, keyword and break nodes
+    speaking : bool [shape=(N,)], False in the pauses of the references' speech
+    """
+
+    positions: np.ndarray
+    joint_names: tuple[str, ...]
+    fps: float
+    clip_names: tuple[str, ...]
+    clip_starts: np.ndarray
+    source_frames: np.ndarray
+    segment_starts: np.ndarray
+    key_nodes: KeyNodes
+    speaking: np.ndarray
+
+    def __post_init__(self):
+        for field in fields(self):
+            if field.type == "np.ndarray":
+                object.__setattr__(self, field.name, read_only(getattr(self, field.name)))
+
+    @property
+    def n_nodes(self) -> int:
+        return len(self.positions)
+
+    @property
+    def clips(self) -> tuple[tuple[str, bool], ...]:
+        """Each clip's recording, and whether it is a mirrored copy of it."""
+        return tuple((name, False) for name in self.clip_names)
+
+    @cached_property
+    def segment_ends(self) -> np.ndarray:
+        """Last nodes `[shape=(S,)]` of the segments."""
+        return continuity.segment_ends(self.segment_starts, self.n_nodes)
+
+    @cached_property
+    def successors(self) -> np.ndarray:
+        """The natural successor of each node `[shape=(N,)]`; a segment's last node is its own."""
+        after = np.arange(1, self.n_nodes + 1)
+        after[self.segment_ends] = self.segment_ends
+        return after
+
+    def stop_nodes(self, keyword: str | None) -> np.ndarray:
+        """bool `[shape=(N,)]`: nodes at which a piece may end (§4.2.2).
+
+        Nodes of exactly `keyword`; without one, onset nodes and the last nodes of segments.
+        """
+        stops = np.zeros(self.n_nodes, dtype=bool)
+        if keyword is not None:
+            stops[self.key_nodes.frames[self.key_nodes.keywords == keyword]] = True
+        else:
+            stops[self.key_nodes.frames[self.key_nodes.kinds == "onset"]] = True
+            stops[self.segment_ends] = True
+        return stops
+
+    @cached_property
+    def any_stop(self) -> np.ndarray:
+        """bool `[shape=(N,)]`: key nodes of any kind."""
+        stops = np.zeros(self.n_nodes, dtype=bool)
+        stops[self.key_nodes.frames] = True
+        stops[self.segment_ends] = True
+        return read_only(stops)
+
+    def distances(self, lefts, rights, settings: Continuity) -> np.ndarray:
+        """Pose distances `[shape=(K,)]` of pairs of nodes; only their frames are looked at."""
+        lefts, rights = np.asarray(lefts, dtype=np.int64), np.asarray(rights, dtype=np.int64)
+        nodes = np.concatenate([lefts, rights])
+        # As `continuity.velocities`: a segment's first frame copies the second's, a lone frame has none.
+        moving = np.where(np.isin(nodes, self.segment_starts), np.minimum(nodes + 1, self.n_nodes - 1), nodes)
+        alone = np.isin(moving, self.segment_starts)
+        poses = continuity.flatten(self.positions[nodes])
+        speeds = continuity.flatten(self.positions[moving]) - continuity.flatten(self.positions[moving - 1])
+        speeds[alone] = 0.0
+        pairs = np.arange(len(lefts))
+        return continuity.pose_distances(poses, speeds, pairs, pairs + len(lefts), settings)
+
+
+def require_one_skeleton(references: Sequence[Reference]) -> Skeleton:
+    """The skeleton of all references; DataError when they differ."""
+    first = references[0]
+    for other in references[1:]:
+        difference = first.motion.skeleton.difference(other.motion.skeleton)
+        if difference:
+            raise DataError(
+                f"clips {first.name} and {other.name} cannot share a graph: {difference}; choose clips of one skeleton"
+            )
+    return first.motion.skeleton
+
+
+def positions_of(motion: Motion, config: Config) -> np.ndarray:
+    """Positions as used for distances: float32 `[shape=(T, J, 3)]`, seen from the pelvis as the config says."""
+    joints, _ = select_joints(motion.skeleton, config)
+    pelvis = motion.skeleton.pelvis(config.positions.root_joint)
+    found = kinematics.relative_positions(motion, joints, pelvis, config.positions.relative_to)
+    return (found * config.positions.scale).astype(np.float32)
+
+
+def describe(references: Sequence[Reference], config: Config) -> dict:
+    """The fields of `ReferenceFrames` for references of one skeleton, but for their positions."""
+    skeleton = require_one_skeleton(references)
+    joints, _ = select_joints(skeleton, config)
+    clip_starts = np.cumsum([0, *(r.motion.n_frames for r in references[:-1])])
+    return {
+        "joint_names": tuple(skeleton.names[j] for j in joints),
+        "fps": references[0].motion.fps,
+        "clip_names": tuple(r.name for r in references),
+        "clip_starts": clip_starts,
+        "source_frames": np.concatenate([r.source_frames for r in references]),
+        "segment_starts": np.concatenate(
+            [r.segment_starts + start for r, start in zip(references, clip_starts, strict=True)]
+        ),
+        "key_nodes": of_references(references, config.keywords.words),
+        "speaking": np.concatenate([reference_speaking(r, config.pauses) for r in references]),
+    }
