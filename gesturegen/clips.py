@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,8 @@ from gesturegen.errors import DataError
 from gesturegen.motion import bvh, cleanup, kinematics, rotation
 from gesturegen.motion.skeleton import Motion, Skeleton, read_only
 from gesturegen.recordings import Recording, is_listed
-from gesturegen.speech import audio, transcript
+from gesturegen.speech import audio, prosody, transcript
+from gesturegen.speech.prosody import Contour
 from gesturegen.speech.transcript import Word
 
 FORMAT_VERSION = 1
@@ -34,6 +35,7 @@ _SETTINGS = (
 _SPEECH_ARRAYS = (
     "format_version", "settings", "input_digest", "name", "speaker", "duration", "notes",
     "onset_times", "onset_strengths", "onset_near_mute", "word_texts", "word_times",
+    "prosody_settings", "energy", "pitch", "prosody_rate",
 )  # fmt: skip
 
 
@@ -43,6 +45,7 @@ class Speech:
 
     onset_times : float [shape=(K,)], seconds, at the configured strength
     words : in order of time; n_frames : round(duration * fps) for a test speech, the motion's for a reference
+    prosody : None where it is not measured (`prosody.enabled`)
     """
 
     name: str
@@ -50,6 +53,7 @@ class Speech:
     words: tuple[Word, ...]
     n_frames: int
     fps: float
+    prosody: Contour | None = None
 
     def __post_init__(self):
         object.__setattr__(self, "onset_times", read_only(self.onset_times))
@@ -95,6 +99,7 @@ class Clip:
     segment_starts: np.ndarray | None = None
     n_recorded: int = 0
     notes: tuple[str, ...] = field(default=())
+    prosody: Contour | None = None
 
     def all_notes(self, config: Config) -> list[str]:
         """What is odd about the clip, with these settings."""
@@ -120,7 +125,7 @@ class Clip:
 
     def _speech(self, config: Config, n_frames: int) -> Speech:
         onsets = self.onset_peaks.select(config.onsets.min_strength, config.onsets.muted_max_share)
-        return Speech(self.name, onsets, self.words, n_frames, float(config.fps))
+        return Speech(self.name, onsets, self.words, n_frames, float(config.fps), self.prosody)
 
 
 # --- from recording to clip ---------------------------------------------------------------------------------
@@ -143,7 +148,8 @@ def prepare(recording: Recording, config: Config, with_motion: bool) -> Clip:
     notes: list[str] = []
     if recording.transcript_path is not None:
         words, notes = transcript.read(recording.transcript_path, duration)
-    clip = Clip(recording.name, recording.speaker, duration, peaks, words, notes=tuple(notes))
+    contour = prosody.measure(samples, rate, config.prosody) if config.prosody.enabled else None
+    clip = Clip(recording.name, recording.speaker, duration, peaks, words, notes=tuple(notes), prosody=contour)
     return _with_motion(clip, recording, config) if with_motion else clip
 
 
@@ -178,9 +184,9 @@ def _with_motion(clip: Clip, recording: Recording, config: Config) -> Clip:
     segment_starts = np.union1d([0], np.union1d(jumps, gaps) + 1).astype(int)
     motion, wrist_notes = cleanup.clean_wrists(motion, segment_starts, config.wrists)
     notes += joint_notes + wrist_notes
-    return Clip(
-        clip.name, clip.speaker, clip.duration, clip.onset_peaks, clip.words, motion, source_frames,
-        segment_starts, n_recorded, tuple(notes),
+    return replace(
+        clip, motion=motion, source_frames=source_frames, segment_starts=segment_starts, n_recorded=n_recorded,
+        notes=tuple(notes),
     )  # fmt: skip
 
 
@@ -240,6 +246,13 @@ def save(path: str | Path, clip: Clip, config: Config, digest: str = "") -> None
         "word_texts": np.array([word.text for word in clip.words], dtype=str),
         "word_times": np.array([(word.start, word.end) for word in clip.words]).reshape(-1, 2),
     }
+    if clip.prosody is not None:
+        arrays |= {
+            "prosody_settings": np.array(config.section_json("prosody")),
+            "energy": clip.prosody.energy,
+            "pitch": clip.prosody.pitch,
+            "prosody_rate": np.array(clip.prosody.rate),
+        }
     if clip.motion is not None:
         skeleton = clip.motion.skeleton
         joints, _ = select_joints(skeleton, config)
@@ -279,8 +292,9 @@ def load(path: str | Path, config: Config, with_motion: bool = True) -> Clip:
         words = tuple(Word(str(text), *time) for text, time in zip(stored["word_texts"], times, strict=True))
         described = (str(stored["name"]), str(stored["speaker"]) or None, float(stored["duration"]))
         notes = tuple(map(str, stored["notes"]))
+        contour = _stored_prosody(path, stored, config)
         if not with_motion or "expmaps" not in stored:
-            return Clip(*described, peaks, words, notes=notes)
+            return Clip(*described, peaks, words, notes=notes, prosody=contour)
         skeleton = Skeleton(
             tuple(map(str, stored["skeleton_names"])),
             stored["skeleton_parents"],
@@ -293,12 +307,24 @@ def load(path: str | Path, config: Config, with_motion: bool = True) -> Clip:
         motion = Motion(skeleton, rotations, _unpack_positions(stored, len(rotations)), float(stored["fps"]))
         return Clip(
             *described, peaks, words, motion, stored["source_frames"], stored["segment_starts"],
-            int(stored["n_recorded"]), notes,
+            int(stored["n_recorded"]), notes, contour,
         )  # fmt: skip
     except KeyError as error:
         raise DataError(f"{path}: no array {error} in it; delete it and run preprocess again") from None
     except (ValueError, TypeError, IndexError) as error:
         raise DataError(f"{path}: damaged ({error}); delete it and run preprocess again") from None
+
+
+def _stored_prosody(path: Path, stored: Mapping[str, np.ndarray], config: Config) -> Contour | None:
+    """None where the config asks for none, whether or not it was measured."""
+    if not config.prosody.enabled:
+        return None
+    if "energy" not in stored:
+        raise DataError(
+            f"{path}: holds no prosody, the config says prosody.enabled: true; run `gesturegen preprocess` again"
+        )
+    check_settings(path, str(stored["prosody_settings"]), config.section_json("prosody"), "preprocess")
+    return Contour(stored["energy"], stored["pitch"], float(stored["prosody_rate"]))
 
 
 def check_settings(path: Path, stored: str, wanted: str, command: str) -> None:

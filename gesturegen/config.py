@@ -1,7 +1,7 @@
 """Settings: frozen models, read from YAML, strict.
 
-A config file holds only what it changes; the defaults are the paper's (`configs/casia_go_2023.yaml` spells
-them all out). An unknown key, a wrong type or a value out of range is refused with the file, the line, the
+A config file holds only what it changes; the defaults are the papers' (`configs/casia_go_2023.yaml` spells
+them all out, but for those of `gesture_master`, which stand in `configs/gesture_master_2022.yaml`). An unknown key, a wrong type or a value out of range is refused with the file, the line, the
 key's path, what was found, what is allowed and, for a typo, the nearest key.
 """
 
@@ -12,11 +12,12 @@ import json
 from collections.abc import Collection, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
-from gesturegen import strict_yaml
+from gesturegen import strict_csv, strict_yaml
 from gesturegen.errors import ConfigError
 
 Positive = Annotated[float, Field(gt=0)]
@@ -123,6 +124,20 @@ class Continuity(_Section):
     l_pn: Count = 10
 
 
+class Prosody(_Section):
+    enabled: bool = False
+    sample_rate: Annotated[int, Field(ge=4000)] = 8000
+    hop_length: Count = 320
+    pitch_min: Positive = 65.0
+    pitch_max: Positive = 500.0
+
+    @model_validator(mode="after")
+    def _a_range(self):
+        if not 1.2 * self.pitch_min <= self.pitch_max < self.sample_rate / 2:
+            raise ValueError("pitch_max must be at least 1.2 times pitch_min, and below half the sample_rate")
+        return self
+
+
 class Beam(_Section):
     l_npaths: Count = 20
     lambda_w: NotNegative = 1.0
@@ -180,13 +195,159 @@ class Termination(_Section):
     failure_retries: Count = 400
 
 
+class Cutting(_Section):
+    gap_seconds: NotNegative = 0.4
+    rest_seconds: Positive = 1.0
+    min_seconds: Positive = 1.0
+    max_seconds: Positive = 10.0
+
+    @model_validator(mode="after")
+    def _can_be_cut(self):
+        if self.max_seconds < 2 * self.min_seconds:
+            raise ValueError("max_seconds must be at least twice min_seconds, or a long clip cannot be cut in two")
+        return self
+
+
+class Quality(_Section):
+    enabled: bool = True
+    max_turn: Positive = 1350.0
+    max_speed: Positive = 900.0
+    max_jitter: Positive = 0.2
+    frozen_seconds: Positive = 1.0
+    include: tuple[str, ...] = ()
+    exclude: tuple[str, ...] = ()
+
+
+class Correction(_Section):
+    """The rhythm signature of the gesture clip of recording `clip` that starts at `start` seconds."""
+
+    clip: str
+    start: NotNegative
+    bits: Annotated[str, Field(pattern="^[01]+$")]
+
+
+class Rhythm(_Section):
+    bits: Annotated[int, Field(ge=2)] = 32
+    words: Literal["start", "span"] = "start"
+    smoothing_seconds: NotNegative = 0.1
+    corrections_file: str | None = None
+    corrections: tuple[Correction, ...] | None = None
+
+    @model_validator(mode="after")
+    def _as_many_bits(self):
+        for correction in self.corrections or ():
+            if len(correction.bits) != self.bits:
+                raise ValueError(
+                    f"the correction of {correction.clip} at {correction.start:g} s has {len(correction.bits)} bits, "
+                    f"rhythm.bits is {self.bits}"
+                )
+        return self
+
+
+class StyleTarget(_Section):
+    """Style values that are wanted in a time range of a test clip; None where any will do."""
+
+    clip: str
+    from_: Annotated[float, Field(ge=0, alias="from")]
+    to: Positive
+    speed: NotNegative | None = None
+    radius: NotNegative | None = None
+    height: float | None = None
+
+    @model_validator(mode="after")
+    def _not_empty(self):
+        if self.to <= self.from_:
+            raise ValueError("`to` must be later than `from`")
+        return self
+
+
+class Style(_Section):
+    source: Literal["predict", "targets", "none"] = "predict"
+    ridge: Positive = 10.0
+    folds: Annotated[int, Field(ge=2)] = 5
+    targets_file: str | None = None
+    targets: tuple[StyleTarget, ...] | None = None
+
+    @model_validator(mode="after")
+    def _targets_given(self):
+        if self.source == "targets" and self.targets_file is None and self.targets is None:
+            raise ValueError(
+                "source `targets` needs the key `targets_file`, a CSV file: clip,from,to,speed,radius,height"
+            )
+        return self
+
+
+class UpperBody(_Section):
+    lambda_1: NotNegative = 0.7
+    lambda_2: NotNegative = 0.3
+    delta_t: Positive | None = 8.0
+    delta_quantile: Share | None = None
+    lambda_3: NotNegative = 1.0
+    lambda_4: Positive = 3.0
+    lambda_5: NotNegative = 1.0
+    lambda_6: NotNegative = 0.1
+    zeta: NotNegative = 10000.0
+
+    @model_validator(mode="after")
+    def _one_threshold(self):
+        if (self.delta_t is None) == (self.delta_quantile is None):
+            raise ValueError("give one of delta_t and delta_quantile, and null for the other")
+        return self
+
+
+class LowerBody(UpperBody):
+    lambda_3: NotNegative = 0.0
+    lambda_4: Positive = 1.0
+    lambda_5: NotNegative = 0.0
+    lambda_6: NotNegative = 0.0
+
+
+class TimeScale(_Section):
+    min: Annotated[float, Field(gt=0, le=1)] = 0.8
+    max: Annotated[float, Field(ge=1)] = 1.25
+    rest_min: Annotated[float, Field(gt=0, le=1)] = 0.5
+    rest_max: Annotated[float, Field(ge=1)] = 2.0
+    lambda_scale: NotNegative = 5.0
+    lambda_outside: NotNegative = 1_000_000.0
+
+
+class GestureMaster(_Section):
+    cutting: Cutting = Cutting()
+    quality: Quality = Quality()
+    mirror: bool = True
+    joint_pairs: tuple[tuple[str, str], ...] = ()
+    finger_transfer: bool = True
+    rhythm: Rhythm = Rhythm()
+    style: Style = Style()
+    transition_frames: Annotated[int, Field(ge=2)] = 8
+    upper: UpperBody = UpperBody()
+    lower: LowerBody = LowerBody()
+    time_scale: TimeScale = TimeScale()
+    lambda_kind: NotNegative = 100_000.0
+    lambda_reuse: NotNegative = 100_000.0
+    lambda_variant: NotNegative = 1.0
+
+
 class Blend(_Section):
-    method: Literal["crossfade", "inertialize", "least_jerk"] = "crossfade"
+    method: Literal["crossfade", "inertialize", "least_jerk", "overlap"] = "crossfade"
     l_blend: Annotated[int, Field(ge=0)] = 8
     curve: Literal["linear", "sigmoid", "smoothstep"] = "linear"
     rotations: Literal["slerp", "expmap"] = "slerp"
     half_life: Positive = 0.1
     reach_seconds: Annotated[float, Field(gt=0, le=1)] = 0.08
+
+
+class Smoothing(_Section):
+    enabled: bool = False
+    window: Annotated[int, Field(ge=3)] = 7
+    limb_order: Annotated[int, Field(ge=0)] = 2
+    order: Annotated[int, Field(ge=0)] = 1
+
+    @model_validator(mode="after")
+    def _filter_exists(self):
+        if self.window % 2 == 0 or max(self.order, self.limb_order) >= self.window:
+            raise ValueError("window must be odd and larger than order and limb_order")
+        return self
 
 
 class Root(_Section):
@@ -213,9 +374,13 @@ class Evaluation(_Section):
 
 
 class Config(_Section):
-    """All settings of a run; see `configs/casia_go_2023.yaml` for what each one means."""
+    """All settings of a run.
 
-    method: Literal["motion_graph"] = "motion_graph"
+    See `configs/casia_go_2023.yaml` for what each one means, `configs/gesture_master_2022.yaml` for section
+    `gesture_master`.
+    """
+
+    method: Literal["motion_graph", "gesture_master"] = "motion_graph"
     search: Literal["beam", "global"] = "beam"
     seed: Annotated[int, Field(ge=0)] = 0
     paths: Paths = Paths()
@@ -230,6 +395,7 @@ class Config(_Section):
     keywords: Keywords = Keywords()
     breaks: Breaks = Breaks()
     pauses: Pauses = Pauses()
+    prosody: Prosody = Prosody()
     positions: Positions = Positions()
     continuity: Continuity = Continuity()
     beam: Beam = Beam()
@@ -237,12 +403,31 @@ class Config(_Section):
     features: Features = Features()
     initialization: Literal["feature", "random"] = "feature"
     termination: Termination = Termination()
+    gesture_master: GestureMaster = GestureMaster()
     resample: Literal["interpolate", "nearest"] = "interpolate"
     blend: Blend = Blend()
+    smoothing: Smoothing = Smoothing()
     root: Root = Root()
     feet: Feet = Feet()
     fingers: Literal["follow", "rest"] = "follow"
     evaluation: Evaluation = Evaluation()
+
+    @model_validator(mode="after")
+    def _prosody_measured(self):
+        predicts = self.method == "gesture_master" and self.gesture_master.style.source == "predict"
+        if predicts and not self.prosody.enabled:
+            raise PydanticCustomError(
+                "value_error",
+                "gesture_master with gesture_master.style.source: predict needs prosody.enabled: true, which measures "
+                "energy and pitch; or set the source to targets or none",
+                {"key": "method"},
+            )
+        return self
+
+    @property
+    def search_name(self) -> str:
+        """What the method searches with."""
+        return "viterbi" if self.method == "gesture_master" else self.search
 
     def section_json(self, *keys: str) -> str:
         """Canonical JSON of some settings (`"continuity"`, `"onsets.min_strength"`), for stored files."""
@@ -257,7 +442,10 @@ class Config(_Section):
 
     def signature(self) -> str:
         """Twelve hexadecimal digits that name the settings, wherever they were read and files are kept."""
-        places = {"paths": True, "data": {"references", "tests"}, "keywords": {"file"}}
+        places = {
+            "paths": True, "data": {"references", "tests"}, "keywords": {"file"},
+            "gesture_master": {section: {file} for section, file, _ in _LISTS},
+        }  # fmt: skip
         values = json.loads(self.model_dump_json(by_alias=True, exclude=places))
         return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:12]
 
@@ -308,7 +496,7 @@ def load_config(
         if isinstance(values[section], dict):  # anything else is refused below
             values[section][name] = folder
     config = _validated(Config, values, origin, lines, set_keys)
-    return _with_keywords(config, Path(path).parent if path is not None else None)
+    return _with_files(config, Path(path).parent if path is not None else None)
 
 
 def layer_config(base: Config, path: str | Path) -> Config:
@@ -317,10 +505,25 @@ def layer_config(base: Config, path: str | Path) -> Config:
     values = json.loads(base.model_dump_json(by_alias=True))
     if "keywords" in changes:
         values["keywords"] = {}  # the base's words were read in, and would win over another file
+    for section, file, rows in _LISTS:  # likewise
+        if file in _section(_section(changes, "gesture_master"), section):
+            values["gesture_master"][section][rows] = None
+    return _with_files(_validated(Config, _merged(values, changes), str(path), lines), Path(path).parent)
+
+
+def _section(values: dict, name: str) -> dict:
+    """A section of a file that is not validated yet; empty where it is missing or no section."""
+    section = values.get(name)
+    return section if isinstance(section, dict) else {}
+
+
+def _merged(values: dict, changes: dict) -> dict:
+    """`values` with `changes` laid over them, section by section."""
+    merged = dict(values)
     for key, value in changes.items():
         both = isinstance(value, dict) and isinstance(values.get(key), dict)
-        values[key] = values[key] | value if both else value
-    return _with_keywords(_validated(Config, values, str(path), lines), Path(path).parent)
+        merged[key] = _merged(values[key], value) if both else value
+    return merged
 
 
 def load_ablation(path: str | Path) -> tuple[Ablation, dict[tuple, int]]:
@@ -359,14 +562,17 @@ def _apply_override(values: dict, override: str) -> tuple:
 
 def _of_other_member(problem: dict) -> bool:
     """Whether a list of joints is called no `all`: a list is wrong for its elements only."""
-    return problem["loc"][0] == "joints" and problem["type"] == "literal_error" and isinstance(problem["input"], list)
+    return (
+        problem["loc"][:1] == ("joints",) and problem["type"] == "literal_error" and isinstance(problem["input"], list)
+    )
 
 
 def _describe(
     problem: dict, top: type[_Section], origin: str, lines: dict[tuple, int], set_keys: Collection[tuple]
 ) -> str:
     """One line for one of pydantic's errors."""
-    key = tuple(problem["loc"])
+    # What is wrong with several sections together names the key to look at.
+    key = tuple(problem["loc"]) or tuple(problem.get("ctx", {}).get("key", "").split("."))
     if key[:1] == ("joints",):
         # The union adds the member it tried to the path; an index into the list may follow.
         key = ("joints", *(part for part in key[1:] if isinstance(part, int)))
@@ -426,14 +632,62 @@ def _keys_beside(key: tuple, top: type[_Section]) -> list[str]:
         if isinstance(part, int):
             continue
         field = next((f for name, f in model.model_fields.items() if (f.alias or name) == part), None)
-        model = field.annotation if field else top
-        if part == "exclude":
-            model = ExcludedRange
+        model = _section_within(field.annotation) if field else top
     return [field.alias or name for name, field in model.model_fields.items()]
 
 
+def _section_within(annotation: Any) -> Any:
+    """The model that a field is, or that its list is of."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next(filter(None, map(_section_within, get_args(annotation))), None)
+
+
+# Sections of `gesture_master` with a list that may be kept in a CSV file: section, key of the file, key of the list.
+_LISTS = (("rhythm", "corrections_file", "corrections"), ("style", "targets_file", "targets"))
+
+
+def _with_files(config: Config, folder: Path | None) -> Config:
+    """Read the lists that are kept in files into the config, so that nothing later depends on where they were kept."""
+    config = _with_keywords(config, folder)
+    master = config.gesture_master
+    for (section, file, rows), model in zip(_LISTS, (Correction, StyleTarget), strict=True):
+        settings = getattr(master, section)
+        name = getattr(settings, file)
+        if name is not None and getattr(settings, rows) is None:
+            path = _beside(name, folder, f"gesture_master.{section}.{file}")
+            settings = settings.model_copy(update={rows: _read_list(path, model, settings, rows)})
+            master = master.model_copy(update={section: settings})
+    return config.model_copy(update={"gesture_master": master})
+
+
+def _beside(name: str, folder: Path | None, key: str) -> Path:
+    """A file named in a config: beside the config, or by its path."""
+    places = [place / name for place in ([folder] if folder else []) + [Path()]]
+    path = next((place for place in places if place.is_file()), None)
+    if path is None:
+        raise ConfigError(f"{key}: {name!r} does not exist (looked at {', '.join(map(str, places))})")
+    return path
+
+
+def _read_list(path: Path, model: type[_Section], settings: _Section, rows: str) -> tuple:
+    """The rows of a CSV file as models that `settings` may hold in `rows`; the columns are the model's keys."""
+    columns = {field.alias or name: field.is_required() for name, field in model.model_fields.items()}
+    found = []
+    for line, row in strict_csv.read_rows(path, columns, "check the path"):
+        try:
+            # Not strict: every cell of a CSV file is text.
+            found.append(model.model_validate({key: cell for key, cell in row.items() if cell}, strict=False))
+            type(settings).model_validate(dict(settings) | {rows: tuple(found[-1:])})
+        except ValidationError as error:
+            problem = error.errors()[0]
+            key, allowed = ".".join(map(str, problem["loc"])), _allowed(problem["msg"])
+            wrong = f"{key}: found {_brief(problem['input'])}, allowed: {allowed}" if key else allowed
+            raise ConfigError(f"{path}:{line}: {wrong}") from None
+    return tuple(found)
+
+
 def _with_keywords(config: Config, folder: Path | None) -> Config:
-    """Read the keyword list into the config, so that nothing later depends on where it was kept."""
     if config.keywords.words is not None:
         words = _lower_cased(config.keywords.words, "keywords.words")
         return config.model_copy(update={"keywords": Keywords(file=config.keywords.file, words=words)})

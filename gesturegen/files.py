@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
+import struct
 import tempfile
+import zipfile
 from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -74,10 +77,53 @@ def read_arrays(path: str | Path, only: Collection[str] | None = None) -> dict[s
         raise DataError(f"{path}: damaged ({error}); delete it and run the command that writes it") from None
 
 
+def map_arrays(path: str | Path, at_least_bytes: int = 1_000_000) -> dict[str, np.ndarray]:
+    """The arrays of an `.npz` that `write_arrays` wrote; large ones stay on disk until they are looked at.
+
+    Those are read-only maps of the file, and need not be aligned. DataError for a missing or damaged file.
+    """
+    arrays = {}
+    try:
+        with open(path, "rb") as file, zipfile.ZipFile(file) as stored:
+            for member in stored.infolist():
+                name = member.filename.removesuffix(".npy")
+                if member.file_size < at_least_bytes:
+                    with stored.open(member) as part:
+                        arrays[name] = np.lib.format.read_array(part, allow_pickle=False)
+                else:
+                    arrays[name] = _mapped(path, file, member)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except Exception as error:
+        raise DataError(f"{path}: damaged ({error}); delete it and run the command that writes it") from None
+    return arrays
+
+
+def _mapped(path: str | Path, file: BinaryIO, member: zipfile.ZipInfo) -> np.ndarray:
+    """One uncompressed array of a `.npz` as a map of the file."""
+    file.seek(member.header_offset)
+    local = file.read(30)
+    if member.compress_type != zipfile.ZIP_STORED or local[:4] != b"PK\x03\x04":
+        raise ValueError(f"{member.filename} is compressed")
+    # The lengths of the name and of the extra field, which need not be those of the central directory.
+    file.seek(sum(struct.unpack("<HH", local[26:30])), os.SEEK_CUR)
+    start = file.tell()
+    version = np.lib.format.read_magic(file)
+    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, fortran, dtype = read_header(file)
+    if dtype.hasobject:
+        raise ValueError(f"{member.filename} holds Python objects")
+    if file.tell() - start + math.prod(shape) * dtype.itemsize != member.file_size:
+        raise ValueError(f"{member.filename} is not as long as its shape {shape} says")
+    mapped = np.memmap(path, dtype, "r", file.tell(), shape, "F" if fortran else "C")
+    return np.asarray(mapped)
+
+
 def sha256(path: str | Path) -> str:
     """The hash of a file's bytes, in hexadecimal; DataError when it cannot be read."""
     try:
-        return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror}); run the command that writes it") from None
 

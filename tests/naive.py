@@ -492,3 +492,46 @@ class Objective:
             frame = self.targets[-1].end_frame
             lasts = {node: cost + price(self.join(node, after, frame)) for node, cost in lasts.items()}
         return min(lasts.values())
+
+
+# --- gesture clips (GestureMaster §4.1, §4.2) ----------------------------------------------------------------
+
+
+def transition_costs(ends, starts, lambda_1: float, lambda_2: float) -> np.ndarray:
+    """T(p, q) for all sources p (rows) and destinations q (columns)."""
+    from gesturegen.motion import rotation
+
+    costs = np.zeros((len(ends.positions), len(starts.positions)))
+    for p, q in np.ndindex(costs.shape):
+        apart = ends.positions[p].astype(np.float64) - starts.positions[q].astype(np.float64)
+        distances = np.linalg.norm(apart, axis=-1)
+        angles = rotation.angle_between(ends.rotations[p].astype(np.float64), starts.rotations[q].astype(np.float64))
+        costs[p, q] = lambda_1 * distances.sum() + lambda_2 * angles.sum()
+    return costs
+
+
+def clip_step(p: int, q: int, before: float, edges, missing: float, reuse: float, twins, weight: float) -> float:
+    """What was paid up to clip p, and to come from it to q; edges: costs by (p, q)."""
+    return before + (reuse if q in (p, twins[p]) else 0.0) + weight * edges.get((p, q), missing)
+
+
+def clips_cost(choice, data, edges, missing: float, reuse: float, twins, weight: float) -> float:
+    total = data[0][choice[0]]
+    for segment, (p, q) in enumerate(itertools.pairwise(choice), 1):
+        total = clip_step(p, q, total, edges, missing, reuse, twins, weight) + data[segment][q]
+    return total
+
+
+def viterbi(data, edges, missing: float, reuse: float, twins, weight: float) -> tuple[list[int], float]:
+    """The cheapest clips and their cost; of equally cheap predecessors and last clips the lowest."""
+    clips = range(len(data[0]))
+    ways = [(data[0][q], [q]) for q in clips]
+    for row in data[1:]:
+        further = []
+        for q in clips:
+            costs = [clip_step(p, q, ways[p][0], edges, missing, reuse, twins, weight) for p in clips]
+            best = costs.index(min(costs))
+            further.append((costs[best] + row[q], [*ways[best][1], q]))
+        ways = further
+    totals = [total for total, _ in ways]
+    return ways[totals.index(min(totals))][1], min(totals)

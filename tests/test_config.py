@@ -7,7 +7,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from gesturegen import config as config_module
-from gesturegen.config import Config, configs_folder, load_config
+from gesturegen.config import Config, configs_folder, layer_config, load_config
 from gesturegen.errors import ConfigError
 from gesturegen.randomness import generator
 from tests.builders import literally, refused
@@ -43,6 +43,20 @@ def test_the_defaults_are_the_papers():
     assert config.references.mode == "per_test_clip" and config.breaks.max_joint_speed is None
 
 
+def test_the_defaults_of_gesture_master_are_its_papers():
+    config = load_config().gesture_master
+    upper, lower = config.upper, config.lower
+    assert [getattr(upper, f"lambda_{k}") for k in range(1, 7)] == [0.7, 0.3, 1.0, 3.0, 1.0, 0.1]
+    # The paper prints 0 for the lower body's lambda_4 and zeta, which leaves nothing to minimise.
+    assert [getattr(lower, f"lambda_{k}") for k in range(1, 7)] == [0.7, 0.3, 0.0, 1.0, 0.0, 0.0]
+    assert (upper.delta_t, lower.delta_t, upper.zeta, lower.zeta) == (8, 8, 10000, 10000)
+    assert (config.cutting.gap_seconds, config.rhythm.bits, config.mirror) == (0.4, 32, True)
+    smoothing = load_config().smoothing
+    assert (smoothing.window, smoothing.limb_order, smoothing.order) == (7, 2, 1)
+    prices = (config.time_scale.lambda_outside, config.lambda_kind, upper.lambda_4 * upper.zeta)
+    assert sorted(prices, reverse=True) == list(prices) and config.lambda_reuse == config.lambda_kind
+
+
 def test_a_file_changes_only_what_it_names(load):
     config = load("continuity:\n  l_pn: 3\nseed: 7\n")
     assert (config.continuity.l_pn, config.continuity.l_cn, config.seed) == (3, 5, 7)
@@ -76,7 +90,9 @@ def test_a_config_is_frozen():
 def test_every_config_that_comes_with_gesturegen_loads():
     paths = sorted(configs_folder().glob("*.yaml"))
     # A list of words, and plans of runs.
-    others = {"keywords.yaml", "ablation.yaml", "comparison.yaml", "reference_length.yaml"}
+    others = {
+        "keywords.yaml", "ablation.yaml", "comparison.yaml", "reference_length.yaml", "gesture_master_ablation.yaml",
+    }  # fmt: skip
     assert others <= {path.name for path in paths}
     for path in paths:
         if path.name not in others:
@@ -138,6 +154,94 @@ REFUSED = {
         "references:\n  mode: list",
         1,
         r"references: mode `list` needs the key `references\.list`",
+    ),
+    "both thresholds": (
+        "gesture_master:\n  upper:\n    delta_quantile: 0.2",
+        2,
+        r"gesture_master\.upper: give one of delta_t and delta_quantile, and null for the other",
+    ),
+    "neither threshold": (
+        "gesture_master:\n  upper: {}\n  lower:\n    delta_t: null",
+        3,
+        r"gesture_master\.lower: give one of delta_t and delta_quantile",
+    ),
+    "a quantile above 1": (
+        "gesture_master:\n  upper:\n    delta_t: null\n    delta_quantile: 25",
+        4,
+        r"gesture_master\.upper\.delta_quantile: found 25, allowed: less than or equal to 1",
+    ),
+    "clips too long to be cut in two": (
+        "gesture_master:\n  cutting:\n    min_seconds: 6",
+        2,
+        r"gesture_master\.cutting: max_seconds must be at least twice min_seconds",
+    ),
+    "even smoothing window": (
+        "smoothing:\n  window: 6",
+        1,
+        "smoothing: window must be odd and larger than order and limb_order",
+    ),
+    "smoothing order above the window": ("smoothing: {window: 3, limb_order: 3}", 1, "smoothing: window must be odd"),
+    "pitches backwards": ("prosody:\n  pitch_max: 70", 1, "prosody: pitch_max must be at least 1.2 times pitch_min"),
+    "pitches above the sample rate": ("prosody: {sample_rate: 4000, pitch_max: 2000}", 1, "prosody: pitch_max must"),
+    "targets without a file": (
+        "gesture_master:\n  style:\n    source: targets",
+        2,
+        r"gesture_master\.style: source `targets` needs the key `targets_file`, .*clip,from,to,speed,radius,height",
+    ),
+    "a style source that is a list": (
+        "gesture_master:\n  style:\n    source: [x]",
+        3,
+        r"gesture_master\.style\.source: found \[\"x\"\], allowed: 'predict', 'targets' or 'none'",
+    ),
+    "predicted style without prosody": (
+        "seed: 1\nmethod: gesture_master",
+        2,
+        r"method: gesture_master with gesture_master\.style\.source: predict needs prosody\.enabled: true",
+    ),
+    "unknown key of gesture_master": (
+        "gesture_master:\n  mirror: false\n  rythm: {bits: 16}",
+        3,
+        r"unknown key 'gesture_master\.rythm'; did you mean 'rhythm'\?",
+    ),
+    "unknown key two sections down": (
+        "gesture_master:\n  upper:\n    lambda_7: 1.0",
+        3,
+        r"unknown key 'gesture_master\.upper\.lambda_7'; did you mean 'lambda_\d'\?",
+    ),
+    "unknown key of a correction": (
+        "gesture_master:\n  rhythm:\n    corrections:\n    - {clip: a, start: 0, bits: '01',\n       strt: 1}",
+        5,
+        r"unknown key 'gesture_master\.rhythm\.corrections\.0\.strt'; did you mean 'start'\?",
+    ),
+    "unknown key of a target": (
+        "gesture_master:\n  style:\n    targets:\n    - {clip: a, from: 0, to: 1, hight: 2}",
+        4,
+        r"unknown key 'gesture_master\.style\.targets\.0\.hight'; did you mean 'height'\?",
+    ),
+    "bits of a correction": (
+        "gesture_master:\n  rhythm:\n    bits: 4\n    corrections: [{clip: a, start: 1.5, bits: '010'}]",
+        2,
+        r"gesture_master\.rhythm: the correction of a at 1\.5 s has 3 bits, rhythm\.bits is 4",
+    ),
+    "bits that are no bits": (
+        "gesture_master:\n  rhythm:\n    corrections: [{clip: a, start: 1.5, bits: '012'}]",
+        3,
+        r'corrections\.0\.bits: found "012"',
+    ),
+    "bits without quotes": (
+        "gesture_master:\n  rhythm:\n    corrections: [{clip: a, start: 1.5, bits: 111}]",
+        3,
+        r"corrections\.0\.bits: found 111, allowed: a valid string",
+    ),
+    "target backwards": (
+        "gesture_master:\n  style:\n    targets:\n    - {clip: a, from: 2, to: 1}",
+        4,
+        r"gesture_master\.style\.targets\.0: `to` must be later than `from`",
+    ),
+    "one joint of a pair": (
+        "gesture_master:\n  joint_pairs:\n  - [a, b]\n  - [c]",
+        4,
+        r"gesture_master\.joint_pairs\.1\.1: missing",
     ),
     "key twice": ("seed: 1\nfps: 30\nseed: 2", 3, "key 'seed' stands twice, first in line 1"),
     "key twice in a section": ("beam:\n  l_npaths: 1\n  l_npaths: 2", 3, "key 'l_npaths' stands twice"),
@@ -228,6 +332,7 @@ def test_set_forms(override, get, value):
         ("seed=", "^--set: seed: found null, allowed: a valid integer"),
         ("wrists.window=4", "^--set: wrists: window must be odd"),
         ("seed.x=1", "^--set: seed: "),
+        ("method=gesture_master", r"^--set: method: .* needs prosody\.enabled: true"),
         ("keywords.words={no: nope}", "key False"),
         ("beam={l_npaths: 3, l_npaths: 4}", "stands twice"),
     ],
@@ -249,6 +354,12 @@ def test_mistakes_in_the_file_keep_their_line_beside_overrides(load, tmp_path):
 
 def test_an_override_mends_the_file(load):
     assert load("beam: {l_npaths: 0}\n", "beam.l_npaths=5").beam.l_npaths == 5
+
+
+def test_what_is_wrong_with_the_file_is_not_blamed_on_an_override(load, tmp_path):
+    with refused(ConfigError, literally(tmp_path / "run.yaml", 1) + "method: .* needs prosody"):
+        load("method: gesture_master\n", "seed=2")
+    assert load("method: gesture_master\n", "prosody.enabled=true").prosody.enabled
 
 
 def test_folders_are_taken_to_the_letter(load, tmp_path):
@@ -326,6 +437,145 @@ def test_a_missing_keyword_file_is_named_with_the_places_looked_at(load, tmp_pat
         load("keywords: {file: none.yaml}\n")
 
 
+# --- corrections and targets --------------------------------------------------------------------------------
+
+CORRECTED = "gesture_master:\n  rhythm: {bits: 4, corrections_file: mine.csv}\n"
+TARGETED = "gesture_master:\n  style: {source: targets, targets_file: mine.csv}\n"
+TARGET_COLUMNS = "clip,from,to,speed,radius,height\n"
+
+
+def test_corrections_beside_the_config(load, tmp_path):
+    (tmp_path / "mine.csv").write_text("start,clip,bits\n1.5, a ,0110\n\n0,b*,0000\n")
+    found = load(CORRECTED).gesture_master.rhythm.corrections
+    assert [(c.clip, c.start, c.bits) for c in found] == [("a", 1.5, "0110"), ("b*", 0.0, "0000")]
+    inside = [{"clip": "a", "start": 1.5, "bits": "0110"}, {"clip": "b*", "start": 0, "bits": "0000"}]
+    assert load(CORRECTED, f"gesture_master.rhythm.corrections={json.dumps(inside)}").gesture_master.rhythm == (
+        load(CORRECTED).gesture_master.rhythm
+    )
+
+
+def test_targets_beside_the_config_may_leave_values_free(load, tmp_path):
+    (tmp_path / "mine.csv").write_text(TARGET_COLUMNS + "a,0,2.5,40,,-3\nb,1,2,,,\n")
+    first, second = load(TARGETED).gesture_master.style.targets
+    assert (first.clip, first.from_, first.to, first.speed, first.radius, first.height) == ("a", 0, 2.5, 40, None, -3)
+    assert (second.speed, second.radius, second.height) == (None, None, None)
+
+
+def test_a_list_inside_the_config_wins_over_its_file(load):
+    inside = "[{clip: a, from: 0, to: 1}]"
+    assert load(TARGETED, f"gesture_master.style.targets={inside}").gesture_master.style.targets[0].clip == "a"
+
+
+WRONG_ROWS = {
+    "no such column": (CORRECTED, "clip,strt,bits\na,0,0101\n", 1, "unknown column 'strt'; did you mean 'start'?"),
+    "column missing": (CORRECTED, "clip,bits\na,0101\n", 1, "column 'start' is missing"),
+    "cell missing": (CORRECTED, "clip,start,bits\na,0\n", 2, "found 2 cells, expected 3"),
+    "cell empty": (CORRECTED, "clip,start,bits\na,,0101\n", 2, "column 'start' is empty"),
+    "no number": (CORRECTED, "clip,start,bits\na,0,0101\n\nb,x,0101\n", 4, 'start: found "x", allowed: a valid number'),
+    "nan": (CORRECTED, "clip,start,bits\na,nan,0101\n", 2, 'start: found "nan", allowed: a finite number'),
+    "negative": (
+        CORRECTED,
+        "clip,start,bits\na,-1,0101\n",
+        2,
+        'start: found "-1", allowed: greater than or equal to 0',
+    ),
+    "no bits": (CORRECTED, "clip,start,bits\na,0,01x1\n", 2, 'bits: found "01x1"'),
+    "bits of another length": (
+        CORRECTED,
+        "clip,start,bits\na,0,0101\nb,2.5,010\n",
+        3,
+        "the correction of b at 2.5 s has 3 bits, rhythm.bits is 4",
+    ),
+    "no speed": (TARGETED, TARGET_COLUMNS + "a,0,1,fast,,\n", 2, 'speed: found "fast", allowed: a valid number'),
+    "target backwards": (TARGETED, TARGET_COLUMNS + "a,0,1,,,\na,2,1,,,\n", 3, "`to` must be later than `from`"),
+}
+
+
+@pytest.mark.parametrize(("text", "content", "line", "match"), WRONG_ROWS.values(), ids=WRONG_ROWS)
+def test_wrong_rows_are_refused_with_file_and_line(load, tmp_path, text, content, line, match):
+    (tmp_path / "mine.csv").write_text(content)
+    with refused(ConfigError, literally(tmp_path / "mine.csv", line) + re.escape(match)):
+        load(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [(CORRECTED, r"rhythm\.corrections_file"), (TARGETED, r"style\.targets_file")],
+    ids=["rhythm", "style"],
+)
+def test_a_missing_list_is_named_with_the_places_looked_at(load, tmp_path, text, key):
+    with refused(ConfigError, rf"^gesture_master\.{key}: 'mine\.csv' does not exist", tmp_path / "mine.csv"):
+        load(text)
+
+
+# --- layers -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def layer(load, tmp_path):
+    def layer(base, setup):
+        (tmp_path / "setup.yaml").write_text(setup)
+        return layer_config(load(base), tmp_path / "setup.yaml")
+
+    return layer
+
+
+def test_layers_merge_nested_sections(layer):
+    base = "gesture_master:\n  upper: {lambda_5: 2.0, lambda_6: 3.0}\n  mirror: false\nseed: 4\n"
+    config = layer(base, "gesture_master: {upper: {lambda_6: 0.5}, rhythm: {bits: 16}}\n")
+    master = config.gesture_master
+    assert (master.upper.lambda_5, master.upper.lambda_6, master.rhythm.bits) == (2.0, 0.5, 16)
+    assert (master.mirror, config.seed, master.lower.lambda_4) == (False, 4, 1.0)
+
+
+def test_a_layer_replaces_lists_as_a_whole(layer):
+    assert layer("blacklist: [a, b]\n", "blacklist: [c]\n").blacklist == ("c",)
+    config = layer("keywords: {words: {a: b}}\n", "keywords: {words: {c: d}}\n")
+    assert config.keywords.words == {"c": "d"}
+
+
+def test_a_layer_that_names_another_file_drops_the_rows_of_the_base(layer, tmp_path):
+    (tmp_path / "mine.csv").write_text("clip,start,bits\na,0,0101\n")
+    (tmp_path / "other.csv").write_text("clip,start,bits\nb,0,1111\nc,1,1111\n")
+
+    def clips(setup):
+        found = layer(CORRECTED, setup).gesture_master.rhythm
+        assert found.bits == 4
+        return found.corrections and [c.clip for c in found.corrections]
+
+    assert clips("gesture_master: {rhythm: {corrections_file: other.csv}}\n") == ["b", "c"]
+    assert clips("gesture_master: {rhythm: {corrections_file: null}}\n") is None
+    assert clips("gesture_master: {rhythm: {words: span}}\n") == ["a"]
+    assert clips("gesture_master: {rhythm: {corrections: [{clip: d, start: 0, bits: '0000'}]}}\n") == ["d"]
+
+
+def test_a_layer_that_names_another_file_drops_the_targets_of_the_base(layer, tmp_path):
+    (tmp_path / "mine.csv").write_text(TARGET_COLUMNS + "a,0,1,10,,\n")
+    (tmp_path / "other.csv").write_text(TARGET_COLUMNS + "b,0,1,20,,\n")
+    style = layer(TARGETED, "gesture_master: {style: {targets_file: other.csv}}\n").gesture_master.style
+    assert [target.clip for target in style.targets] == ["b"]
+
+
+def test_a_layer_whose_bits_do_not_fit_the_corrections_of_the_base_is_refused(layer, tmp_path):
+    (tmp_path / "mine.csv").write_text("clip,start,bits\na,0,0101\n")
+    with refused(ConfigError, literally(tmp_path / "setup.yaml", 2) + r"gesture_master\.rhythm: .* has 4 bits"):
+        layer(CORRECTED, "gesture_master:\n  rhythm: {bits: 8}\n")
+
+
+@pytest.mark.parametrize(
+    ("setup", "line", "match"),
+    [
+        ("gesture_master:\n", 1, "gesture_master: found null, allowed: a section"),
+        ("gesture_master: [rhythm]\n", 1, r"gesture_master: found \[\"rhythm\"\], allowed: a section"),
+        ("gesture_master:\n  rhythm: 3\n", 2, r"gesture_master\.rhythm: found 3, allowed: a section"),
+        ("gesture_master:\n  style:\n", 2, r"gesture_master\.style: found null, allowed: a section"),
+    ],
+)
+def test_a_layer_with_a_broken_section_is_refused(layer, tmp_path, setup, line, match):
+    with refused(ConfigError, literally(tmp_path / "setup.yaml", line) + match):
+        layer("seed: 1\n", setup)
+
+
 # --- signature ----------------------------------------------------------------------------------------------
 
 
@@ -354,6 +604,22 @@ ANOTHER = {
     "references.list": "a.yaml",
     "references.mode": "all",
     "references.seconds": 30,
+    "method": "gesture_master",
+    "gesture_master.quality.include": ["a"],
+    "gesture_master.quality.exclude": ["a"],
+    "gesture_master.joint_pairs": [["a", "b"]],
+    "gesture_master.rhythm.corrections": [{"clip": "a", "start": 0, "bits": "01" * 16}],
+    "gesture_master.style.source": "none",
+    "gesture_master.style.targets": [{"clip": "a", "from": 0, "to": 1}],
+    "gesture_master.upper.delta_quantile": 0.5,
+    "gesture_master.lower.delta_quantile": 0.5,
+    "gesture_master.time_scale.max": 1.5,
+}
+# What a setting needs beside it, before and after its change.
+BESIDE = {
+    "method": ["prosody.enabled=true"],
+    "gesture_master.upper.delta_quantile": ["gesture_master.upper={delta_t: null, delta_quantile: 0.25}"],
+    "gesture_master.lower.delta_quantile": ["gesture_master.lower={delta_t: null, delta_quantile: 0.25}"],
 }
 
 
@@ -373,9 +639,11 @@ def another(key, default, annotation):
     return f"{default}x"
 
 
-PLACES = {"paths.data", "paths.work", "data.references", "data.tests", "keywords.file"}
-# `method` has no other value yet.
-SETTINGS = [leaf for leaf in leaves() if leaf[0] not in PLACES and len(get_args(leaf[2])) != 1]
+PLACES = {
+    "paths.data", "paths.work", "data.references", "data.tests", "keywords.file",
+    "gesture_master.rhythm.corrections_file", "gesture_master.style.targets_file",
+}  # fmt: skip
+SETTINGS = [leaf for leaf in leaves() if leaf[0] not in PLACES]
 
 
 @pytest.mark.parametrize(("key", "default", "annotation"), SETTINGS, ids=[leaf[0] for leaf in SETTINGS])
@@ -384,8 +652,8 @@ def test_every_setting_changes_the_signature(key, default, annotation):
     override = f"{key}={json.dumps(value)}"
     if key == "features.l_feat":
         override = "features={l_feat: 1, w_full: [1.0]}"
-    changed = load_config(None, (override,))
-    assert changed.signature() != load_config().signature()
+    beside = BESIDE.get(key, [])
+    assert load_config(None, [*beside, override]).signature() != load_config(None, beside).signature()
 
 
 def test_the_signature_does_not_depend_on_where_files_are(load, tmp_path):
@@ -398,6 +666,16 @@ def test_the_signature_does_not_depend_on_where_files_are(load, tmp_path):
     assert load("keywords: {file: copy.yaml}\n").signature() == default
     spelled_out = yaml.safe_load(copy.read_text())
     assert load(yaml.safe_dump({"keywords": {"words": spelled_out}})).signature() == default
+
+
+def test_the_signature_depends_on_what_lists_hold_and_not_on_where_they_are(load, tmp_path):
+    row = {"clip": "a", "start": 0, "bits": "0101"}
+    inside = load("", "gesture_master.rhythm.bits=4", f"gesture_master.rhythm.corrections={json.dumps([row])}")
+    for name in ("mine.csv", "other.csv"):
+        (tmp_path / name).write_text("clip,start,bits\na,0,0101\n")
+        assert load(CORRECTED.replace("mine.csv", name)).signature() == inside.signature()
+    (tmp_path / "mine.csv").write_text("clip,start,bits\na,0,0111\n")
+    assert load(CORRECTED).signature() != inside.signature()
 
 
 def test_the_order_of_keys_does_not_matter(load):

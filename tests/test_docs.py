@@ -1,5 +1,6 @@
 """What is written is true: every command has help, every YAML loads, every setting is explained."""
 
+import json
 import re
 import shlex
 from pathlib import Path
@@ -16,6 +17,7 @@ from gesturegen.config import Config, load_config
 TOP = Path(__file__).parent.parent
 README = (TOP / "README.md").read_text()
 PAPER = TOP / "configs/casia_go_2023.yaml"
+GESTURE_MASTER = TOP / "configs/gesture_master_2022.yaml"
 
 
 @pytest.mark.parametrize("name", sorted(main.commands))
@@ -51,6 +53,8 @@ def test_every_make_target_of_the_readme_exists():
 def test_every_yaml_loads(path):
     if path.name == "keywords.yaml":
         assert load_config(None, [f"keywords.file={path}"]).keywords.words == yaml.safe_load(path.read_text())
+    elif path.parent.parent == TOP / "configs":  # of a plan, and may need what its base says
+        assert load_plan(path.parent.with_suffix(".yaml")).setups
     elif "setups" in (plan := yaml.safe_load(path.read_text()) or {}):
         listed = [Path(name).name for name in plan["setups"]]
         own = {Path(name).name for name in [*plan["setups"], plan["base"] or ""] if "/" in name}
@@ -73,19 +77,42 @@ def keys(model, prefix="") -> list[str]:
     return found
 
 
-def test_the_papers_config_spells_out_every_setting():
-    written = yaml.safe_load(PAPER.read_text())
-    for key in keys(Config):
-        value = written
-        for part in key.split("."):
-            assert part in value, key
-            value = value[part]
+def values(sections, prefix="") -> dict:
+    """The value of every setting in nested sections; a mapping that is a setting, such as words, is none."""
+    found = {}
+    for name, value in sections.items():
+        key = prefix + name
+        found |= values(value, f"{key}.") if key not in keys(Config) else {key: value}
+    return found
 
 
-def test_every_setting_has_a_comment():
-    lines = PAPER.read_text().splitlines()
+def test_the_papers_configs_spell_out_every_setting():
+    written = {path: values(yaml.safe_load(path.read_text())) for path in (PAPER, GESTURE_MASTER)}
+    own = [key for key in keys(Config) if key.startswith("gesture_master.")]
+    assert [key for key in keys(Config) if key not in written[PAPER]] == own
+    assert [key for key in written[GESTURE_MASTER] if key.startswith("gesture_master.")] == own
+
+
+def test_the_gesture_master_config_changes_the_method_alone():
+    written = values(yaml.safe_load(GESTURE_MASTER.read_text()))
+    default = values(json.loads(Config().model_dump_json(by_alias=True)))
+    assert {key: value for key, value in written.items() if value != default[key]} == {
+        "method": "gesture_master",
+        "references.mode": "all",
+        "prosody.enabled": True,
+        "blend.method": "overlap",
+        "blend.l_blend": 4,
+        "smoothing.enabled": True,
+    }
+    for section in ("prosody", "smoothing"):
+        assert {key for key in keys(Config) if key.startswith(f"{section}.")} <= set(written)
+
+
+@pytest.mark.parametrize("path", [PAPER, GESTURE_MASTER], ids=lambda path: path.name)
+def test_every_setting_has_a_comment(path):
+    lines = path.read_text().splitlines()
     for number, line in enumerate(lines):
-        if re.match(r" *[a-z_]+: *\S", line) and not line.startswith("joints:"):
+        if re.match(r" *[a-z_0-9]+: *[^# ]", line) and not line.startswith("joints:"):
             assert "#" in line, f"line {number + 1}: {line}"
         if line.startswith("joints:"):
             assert lines[number - 1].startswith("#")

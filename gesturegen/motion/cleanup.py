@@ -26,11 +26,15 @@ def interpolate(motion: Motion, times: np.ndarray) -> Motion:
     """Poses at fractional frame numbers `times` `[shape=(n,)]`, 0 to T - 1."""
     low = np.minimum(np.floor(times).astype(int), motion.n_frames - 1)
     high = np.minimum(low + 1, motion.n_frames - 1)
-    weights = (times - low)[:, None]
-    rotations = rotation.slerp(motion.rotations[low], motion.rotations[high], weights)
+    return mix(motion.take(low), motion.take(high), times - low)
+
+
+def mix(left: Motion, right: Motion, amounts: np.ndarray) -> Motion:
+    """Frame by frame between two motions: `left` at amount 0, `right` at amount 1 `[shape=(T,)]`."""
+    weights = amounts[:, None]
+    rotations = rotation.slerp(left.rotations, right.rotations, weights)
     weights = weights[..., None]
-    positions = (1.0 - weights) * motion.positions[low] + weights * motion.positions[high]
-    return replace(motion, rotations=rotations, positions=positions)
+    return replace(left, rotations=rotations, positions=(1.0 - weights) * left.positions + weights * right.positions)
 
 
 def clean_wrists(motion: Motion, segment_starts: np.ndarray, settings: Wrists) -> tuple[Motion, list[str]]:

@@ -1,0 +1,1 @@
+"""Gesture clips and their signatures (GestureMaster, Zhou et al. 2022)."""

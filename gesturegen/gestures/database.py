@@ -1,0 +1,339 @@
+"""The gesture database: clips of all references as the nodes of two motion graphs, and its file (§4.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from gesturegen import files
+from gesturegen.clips import check_settings
+from gesturegen.config import Config, UpperBody
+from gesturegen.errors import DataError
+from gesturegen.gestures import fingers, style, transitions
+from gesturegen.gestures.extraction import BODIES, Gestures, as_borders
+from gesturegen.graph.reference_frames import ReferenceFrames
+from gesturegen.keynodes import KeyNodes
+from gesturegen.randomness import generator
+
+FORMAT_VERSION = 1
+# What is stored of one recording depends on these beside it, and a whole database on more.
+GESTURE_SETTINGS = (
+    "fps", "joints", "positions", "onsets", "wrists", "exclude", "breaks", "prosody", "references.seconds",
+    "gesture_master.cutting", "gesture_master.quality", "gesture_master.mirror", "gesture_master.joint_pairs",
+    "gesture_master.rhythm.bits", "gesture_master.rhythm.smoothing_seconds", "gesture_master.rhythm.corrections",
+    "gesture_master.transition_frames", "keywords.words", "pauses",
+)  # fmt: skip
+SETTINGS = (
+    *GESTURE_SETTINGS,
+    "gesture_master.finger_transfer", "gesture_master.style.source",
+    "gesture_master.style.ridge", "gesture_master.style.folds",
+    *(f"gesture_master.{body}.{key}" for body in BODIES for key in ("lambda_1", "lambda_2", "delta_t", "delta_quantile")),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class GestureDatabase(ReferenceFrames):
+    """Gesture clips are stretches of nodes; the second half of the reference clips may be mirrored copies.
+
+    mirrored : bool [shape=(C,)], which reference clips are mirrored copies
+    starts, stops : int [shape=(G,)], nodes [start, stop) of the gesture clips; names : str [shape=(G,)]
+    rests : bool [shape=(G,)]; rhythms : bool [shape=(G, bits)]
+    styles : float [shape=(G, 3)], mean hand speed (cm/s), radius and height (cm); style_means, style_scales : of
+        those that are no rests, float [shape=(3,)]
+    twins : int [shape=(G,)], the mirrored copy of each, itself without one
+    finger_sources : int [shape=(G,)], the clip whose fingers it shows, itself where it has its own
+    edges below delta_T, by the clip they lead to: `<body>_indptr` int [shape=(G + 1,)], `<body>_sources` int32
+        [shape=(E,)], ascending, and `<body>_costs` float32 [shape=(E,)] for the upper and the lower body
+    deltas : float [shape=(2,)], delta_T of both
+    feature_means, feature_scales, coefficients, intercepts, r2, n_fitted : the regression of style on prosody
+        (`style.Regression`); without one all it says is NaN, of which no style is wanted
+    upper_names, lower_names, finger_names : str, joints of the skeleton
+    dropped : names of clips left out, and why, str [shape=(K, 2)]
+    notes : str, what a user should know of the references
+    thresholds : float [shape=(K, 2)], number and mean seconds of clips by gap threshold (`cutting.THRESHOLDS`)
+    """
+
+    mirrored: np.ndarray
+    starts: np.ndarray
+    stops: np.ndarray
+    names: np.ndarray
+    rests: np.ndarray
+    rhythms: np.ndarray
+    styles: np.ndarray
+    style_means: np.ndarray
+    style_scales: np.ndarray
+    twins: np.ndarray
+    finger_sources: np.ndarray
+    upper_indptr: np.ndarray
+    upper_sources: np.ndarray
+    upper_costs: np.ndarray
+    lower_indptr: np.ndarray
+    lower_sources: np.ndarray
+    lower_costs: np.ndarray
+    deltas: np.ndarray
+    feature_means: np.ndarray
+    feature_scales: np.ndarray
+    coefficients: np.ndarray
+    intercepts: np.ndarray
+    r2: np.ndarray
+    n_fitted: np.ndarray
+    upper_names: np.ndarray
+    lower_names: np.ndarray
+    finger_names: np.ndarray
+    dropped: np.ndarray
+    thresholds: np.ndarray
+    notes: np.ndarray
+
+    @property
+    def clips(self) -> tuple[tuple[str, bool], ...]:
+        return tuple(zip(self.clip_names, self.mirrored.tolist(), strict=True))
+
+    @property
+    def lengths(self) -> np.ndarray:
+        """Frames of each gesture clip `[shape=(G,)]`."""
+        return self.stops - self.starts
+
+    @property
+    def n_unnatural_edges(self) -> int:
+        """Edges of the upper body between clips that were not recorded one after the other."""
+        destinations = np.repeat(np.arange(len(self.starts)), np.diff(self.upper_indptr))
+        return int(np.count_nonzero(self.starts[destinations] != self.stops[self.upper_sources]))
+
+    @property
+    def regression(self) -> style.Regression:
+        return style.Regression(
+            self.feature_means, self.feature_scales, self.coefficients, self.intercepts, self.r2, int(self.n_fitted)
+        )
+
+
+def assemble(parts: Sequence[Gestures], described: dict, edges: dict[str, Edges], config: Config) -> GestureDatabase:
+    """One database of the clips of all recordings.
+
+    described : the fields of `ReferenceFrames` but for positions, of the recordings without mirrored copies
+    edges : of both bodies, as `link` finds them over `all_borders`
+    """
+    settings = config.gesture_master
+    copies = 2 if settings.mirror else 1
+    first_nodes, n_nodes = described["clip_starts"], len(described["source_frames"])
+    counts = [len(part.starts) for part in parts]
+    own = np.arange(sum(counts))
+    rests = _by_copy(parts, lambda part, copy: part.rests)
+    styles = _by_copy(parts, lambda part, copy: part.styles[copy])
+    offsets = np.repeat(first_nodes, counts)
+    starts = np.concatenate([part.starts for part in parts]) + offsets
+    stops = np.concatenate([part.stops for part in parts]) + offsets
+    gestures = ~rests if (~rests).any() else np.ones(len(rests), dtype=bool)
+    if len(rests) == 0:
+        raise DataError(_nothing_left(parts))
+    regression = _regression(parts, counts, config)
+    return GestureDatabase(
+        positions=np.concatenate([part.positions[copy] for copy in range(copies) for part in parts]),
+        **_repeated(described, copies, n_nodes),
+        mirrored=np.repeat([False, True][:copies], len(parts)),
+        starts=np.concatenate([starts + copy * n_nodes for copy in range(copies)]),
+        stops=np.concatenate([stops + copy * n_nodes for copy in range(copies)]),
+        names=_by_copy(parts, lambda part, copy: part.names),
+        rests=rests,
+        rhythms=_by_copy(parts, lambda part, copy: part.rhythms),
+        styles=styles,
+        style_means=styles[gestures].mean(axis=0),
+        style_scales=styles[gestures].std(axis=0),
+        twins=np.concatenate([own + len(own), own]) if copies == 2 else own,
+        finger_sources=_finger_sources(parts, counts, copies) if settings.finger_transfer else np.arange(len(rests)),
+        **{f"{body}_{key}": getattr(edges[body], key) for body in BODIES for key in ("indptr", "sources", "costs")},
+        deltas=np.array([edges[body].delta for body in BODIES]),
+        feature_means=regression.feature_means,
+        feature_scales=regression.feature_scales,
+        coefficients=regression.coefficients,
+        intercepts=regression.intercepts,
+        r2=regression.r2,
+        n_fitted=np.array(regression.n_clips),
+        **{name: getattr(parts[0], name) for name in ("upper_names", "lower_names", "finger_names")},
+        dropped=np.concatenate([part.dropped for part in parts]),
+        thresholds=_mean_lengths(sum(part.thresholds for part in parts)),
+        notes=np.array(list(dict.fromkeys(note for part in parts for note in part.notes.tolist())), dtype=str),
+    )
+
+
+def _nothing_left(parts: Sequence[Gestures]) -> str:
+    dropped = [f"{name}: {reason}" for part in parts for name, reason in part.dropped.tolist()]
+    return (
+        f"no gesture clip is left of {len(parts)} references ({len(dropped)} were dropped, the first: {dropped[0]}); "
+        "give longer references, or change gesture_master.quality"
+    )
+
+
+def _by_copy(parts: Sequence[Gestures], of) -> np.ndarray:
+    """Rows of all clips: those of all recordings, then, where there are any, their mirrored copies."""
+    copies = len(parts[0].positions)
+    return np.concatenate([of(part, copy) for copy in range(copies) for part in parts])
+
+
+def _repeated(described: dict, copies: int, n_nodes: int) -> dict:
+    """What is said of the recordings, said of their mirrored copies as well."""
+    if copies == 1:
+        return described
+    key_nodes = described["key_nodes"]
+    return described | {
+        "clip_names": described["clip_names"] * 2,
+        **{
+            name: np.concatenate([described[name], described[name] + n_nodes])
+            for name in ("clip_starts", "segment_starts")
+        },
+        **{name: np.tile(described[name], 2) for name in ("source_frames", "speaking")},
+        "key_nodes": KeyNodes(
+            np.concatenate([key_nodes.frames, key_nodes.frames + n_nodes]),
+            np.tile(key_nodes.kinds, 2),
+            np.tile(key_nodes.keywords, 2),
+        ),
+    }
+
+
+def _mean_lengths(sums: np.ndarray) -> np.ndarray:
+    """Counts and seconds in all as counts and mean seconds; NaN where there is no clip."""
+    with np.errstate(invalid="ignore"):
+        return np.column_stack([sums[:, 0], sums[:, 1] / sums[:, 0]])
+
+
+def _regression(parts: Sequence[Gestures], counts: Sequence[int], config: Config) -> style.Regression:
+    """Of the gestures as recorded: their mirrored copies were not made by a voice."""
+    gestures = np.concatenate([~part.rests for part in parts])
+    if config.gesture_master.style.source != "predict" or not gestures.any():
+        n_features, n_values = len(style.FEATURES), len(style.VALUES)
+        return style.Regression(
+            np.zeros(n_features), np.ones(n_features), np.zeros((n_features, n_values)), np.full(n_values, np.nan),
+            np.full(n_values, np.nan), 0,
+        )  # fmt: skip
+    return style.fit(
+        np.concatenate([part.features for part in parts])[gestures],
+        np.concatenate([part.styles[0] for part in parts])[gestures],
+        np.repeat(np.arange(len(parts)), counts)[gestures],
+        config.gesture_master.style,
+    )
+
+
+def _finger_sources(parts: Sequence[Gestures], counts: Sequence[int], copies: int) -> np.ndarray:
+    """For clips without finger motion the nearest clip with it, by position; in mirrored copies too."""
+    sources = np.arange(sum(counts) * copies)
+    has = np.tile(np.repeat([bool(part.has_fingers) for part in parts], counts), copies)
+    if has.any() and not has.all():
+        poses = _by_copy(parts, lambda part, copy: part.poses[copy])
+        offered = np.flatnonzero(has)
+        nearest, _ = fingers.nearest(poses[~has], poses[offered])
+        sources[~has] = offered[nearest]
+    return sources
+
+
+# --- edges --------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """Edges of one body, by the clip they lead to (`GestureDatabase`); delta : delta_T."""
+
+    indptr: np.ndarray
+    sources: np.ndarray
+    costs: np.ndarray
+    delta: float
+
+
+def all_borders(
+    parts: Sequence[Gestures], body: str, config: Config
+) -> tuple[transitions.Borders, transitions.Borders]:
+    """Transitional frames at the ends and at the starts of all clips, mirrored copies after the others."""
+    joints = getattr(parts[0], f"{body}_joints")
+    ends, starts = (
+        as_borders(
+            _by_copy(parts, lambda part, copy: getattr(part, f"{body}_{side}")[copy]),  # noqa: B023
+            joints,
+            config.gesture_master.transition_frames,
+        )
+        for side in ("ends", "starts")
+    )
+    return ends, starts
+
+
+def threshold(borders: tuple[transitions.Borders, transitions.Borders], body: str, config: Config) -> float:
+    """delta_T of one body, as given or as a quantile of the database's own transitions."""
+    settings: UpperBody = getattr(config.gesture_master, body)
+    if settings.delta_t is not None:
+        return settings.delta_t
+    if len(borders[0]) < 2:  # no transition between different clips
+        return 0.0
+    # Not by the run's seed: a graph is the same for all of them.
+    rng = generator(0, f"delta_T of the {body} body")
+    return transitions.quantile(*borders, settings.delta_quantile, settings.lambda_1, settings.lambda_2, rng)
+
+
+def link(
+    borders: tuple[transitions.Borders, transitions.Borders], body: str, delta: float, config: Config,
+    first: int = 0, last: int | None = None,
+) -> Edges:  # fmt: skip
+    """The edges below `delta` that lead to clips `first` to before `last`, by default all of them."""
+    settings: UpperBody = getattr(config.gesture_master, body)
+    last = len(borders[1].positions) if last is None else last
+    counts, sources, costs = transitions.edges(*borders, first, last, settings.lambda_1, settings.lambda_2, delta)
+    return Edges(np.append(0, np.cumsum(counts)), sources, costs, delta)
+
+
+def build(parts: Sequence[Gestures], described: dict, config: Config) -> GestureDatabase:
+    """The database of some recordings, edges and all, in one go."""
+    edges = {}
+    for body in BODIES:
+        borders = all_borders(parts, body, config)
+        edges[body] = link(borders, body, threshold(borders, body, config), config)
+    return assemble(parts, described, edges, config)
+
+
+# --- files --------------------------------------------------------------------------------------------------
+
+
+def save(path: str | Path, database: GestureDatabase, config: Config, clip_digests: Sequence[str] = ()) -> None:
+    """Store a database as `.npz` (README, file formats); see `motion_graph.save`."""
+    arrays = {
+        field.name: np.array(getattr(database, field.name)) if field.type != "KeyNodes" else None
+        for field in fields(database)
+    }
+    del arrays["key_nodes"]
+    files.write_arrays(
+        path,
+        {
+            "format_version": np.array(FORMAT_VERSION),
+            "config": np.array(config.section_json(*SETTINGS)),
+            "clip_digests": np.array(clip_digests, dtype=str),
+            **arrays,
+            "key_frames": database.key_nodes.frames,
+            "key_kinds": database.key_nodes.kinds,
+            "key_words": database.key_nodes.keywords,
+        },
+    )
+
+
+def load(path: str | Path, config: Config | None = None, clip_digests: Sequence[str] | None = None) -> GestureDatabase:
+    """Map a stored database into memory; DataErrors as by `motion_graph.load`."""
+    path = Path(path)
+    if not path.is_file():
+        raise DataError(f"{path}: this gesture database has not been built; run `gesturegen build-graph` first")
+    stored = files.map_arrays(path)
+    try:
+        if stored["format_version"] != FORMAT_VERSION:
+            raise DataError(
+                f"{path}: format {stored['format_version']}, this version reads {FORMAT_VERSION}; run build-graph again"
+            )
+        if config is not None:
+            check_settings(path, str(stored["config"]), config.section_json(*SETTINGS), "build-graph")
+        if clip_digests is not None and list(clip_digests) != stored["clip_digests"].tolist():
+            raise DataError(f"{path}: its clips were preprocessed again since; run `gesturegen build-graph` again")
+        arrays = {field.name: stored[field.name] for field in fields(GestureDatabase) if field.type == "np.ndarray"}
+        return GestureDatabase(
+            **arrays,
+            joint_names=tuple(map(str, stored["joint_names"])),
+            fps=float(stored["fps"]),
+            clip_names=tuple(map(str, stored["clip_names"])),
+            key_nodes=KeyNodes(stored["key_frames"], stored["key_kinds"], stored["key_words"]),
+        )
+    except KeyError as error:
+        raise DataError(f"{path}: no array {error} in it; delete it and run build-graph again") from None

@@ -1,0 +1,84 @@
+"""Parts of the body, told from the hierarchy and the rest pose: legs, trunk, limbs, fingers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gesturegen.motion.skeleton import Skeleton
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Joint numbers, ascending. Every joint is in either `upper` or `lower`.
+
+    upper : int [shape=(U,)], trunk, head and arms
+    lower : int [shape=(L,)], the pelvis, what is above it in the hierarchy, and legs
+    limbs : int [shape=(K,)], arms, hands and head, all of them in `upper`
+    """
+
+    upper: np.ndarray
+    lower: np.ndarray
+    limbs: np.ndarray
+
+
+def split(skeleton: Skeleton, pelvis: int) -> Body:
+    """The upper and the lower body, and the limbs of the upper one.
+
+    A branch of the pelvis is part of the lower body when it hangs down in the rest pose (y up): its joint or
+    end site farthest from the pelvis is lower than the pelvis. Limbs are what is above the chest.
+    """
+    below = {branch: [branch, *skeleton.descendants(branch)] for branch in skeleton.children(pelvis)}
+    rest = rest_positions(skeleton)
+    upper, limbs = [], []
+    for branch, joints in below.items():
+        if _hangs(skeleton, rest, joints, rest[pelvis]):
+            continue
+        upper.extend(joints)
+        chest = _chest(skeleton, branch)
+        if chest is not None:
+            limbs.extend(skeleton.descendants(chest))
+    return Body(_numbers(upper), _numbers(set(range(len(skeleton.names))) - set(upper)), _numbers(limbs))
+
+
+def fingers(skeleton: Skeleton, wrist_names: Sequence[str]) -> np.ndarray:
+    """The joints below any of the named wrists, themselves not named: int `[shape=(K,)]`, ascending.
+
+    Names that the skeleton does not have say nothing.
+    """
+    wrists = {joint for joint, name in enumerate(skeleton.names) if name in wrist_names}
+    return _numbers({joint for wrist in wrists for joint in skeleton.descendants(wrist)} - wrists)
+
+
+def _numbers(joints: Iterable[int]) -> np.ndarray:
+    return np.array(sorted(joints), dtype=np.int64)
+
+
+def rest_positions(skeleton: Skeleton) -> np.ndarray:
+    """World positions `[shape=(J, 3)]` where no joint turns."""
+    rest = np.array(skeleton.offsets, dtype=np.float64)
+    for joint, parent in enumerate(skeleton.parents):
+        if parent >= 0:
+            rest[joint] += rest[parent]
+    return rest
+
+
+def _hangs(skeleton: Skeleton, rest: np.ndarray, joints: list[int], pelvis: np.ndarray) -> bool:
+    ends = rest[joints] + skeleton.end_sites[joints]
+    places = np.concatenate([rest[joints], ends[~np.isnan(ends).any(axis=1)]])
+    farthest = places[np.argmax(np.linalg.norm(places - pelvis, axis=1))]
+    return bool(farthest[1] < pelvis[1])
+
+
+def _chest(skeleton: Skeleton, joint: int) -> int | None:
+    """The first joint from `joint` upwards where two chains part; None where there is none.
+
+    A chain is two joints or more: helpers such as GENEA's `p_navel` are single joints beside the spine.
+    """
+    while True:
+        chains = [child for child in skeleton.children(joint) if skeleton.children(child)]
+        if len(chains) != 1:
+            return joint if chains else None
+        joint = chains[0]
