@@ -187,7 +187,7 @@ def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None, 
 @main.command("build-graph")
 @_common
 def build_graph(config: Config, jobs: int, quiet: bool) -> None:
-    """Build the motion graphs of the references into WORK/graphs.
+    """Build the motion graphs, or the gesture databases, of the references into WORK/graphs.
 
     \b
     Examples:
@@ -398,14 +398,15 @@ def render(
 @click.option("--plot", type=_FILE, metavar="FILE.png", help="Also draw it: edges and degrees, or pieces and joins.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def inspect(config: Config, jobs: int, quiet: bool, target: str, plot: Path | None, as_json: bool) -> None:
-    """Print the figures of a graph, or every piece of a trace in one line.
+    """Print the figures of a graph or gesture database, or every piece of a trace in one line.
 
-    PATH is a graph (.npz), a trace (.trace.json), or the name of a clip in WORK.
+    PATH is a graph or a database (.npz), a trace (.trace.json), or the name of a clip in WORK.
 
     \b
     Examples:
       gesturegen inspect out/graphs/clip.npz --plot graph.png
       gesturegen inspect clip --work out
+      gesturegen inspect out/graphs/multi-1f05ae4d5c30-gestures.npz --json
     """
     from gesturegen import pipeline
 

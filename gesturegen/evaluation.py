@@ -14,7 +14,8 @@ import numpy as np
 
 from gesturegen.clips import select_joints
 from gesturegen.config import Config
-from gesturegen.graph.motion_graph import MotionGraph
+from gesturegen.gestures import cutting, rhythm
+from gesturegen.graph.reference_frames import ReferenceFrames
 from gesturegen.metrics import beats, diversity, feet, frechet, genea, pauses, seams, smoothness, synchrony, usage
 from gesturegen.motion import kinematics
 from gesturegen.motion.skeleton import Motion
@@ -36,6 +37,8 @@ MEASURES = (
     Measure("syn", "Syn cm/f ↓", "paper"),
     Measure("bc_distance", "BC dist s ↓", "paper"),
     Measure("bc_kernel", "BC kernel ↑", "paper"),
+    Measure("rhythm", "rhythm agreement ↑", "paper"),
+    Measure("rhythm_by_chance", "by chance", "paper"),
     Measure("div", "Div ↑", "paper"),
     Measure("failure", "#Failure", "paper"),
     Measure("jerk", "jerk cm/s³", "genea"),
@@ -100,6 +103,18 @@ class Joints:
     fps: float
 
 
+@dataclass(frozen=True, eq=False)
+class Heard:
+    """What is known of a speech.
+
+    onset_times : [shape=(K,)], seconds; words : starts and ends in seconds (onsets where a speech has none), None
+    where only the sound is known
+    """
+
+    onset_times: np.ndarray
+    words: Sequence[tuple[float, float]] | None = None
+
+
 def locate(motion: Motion, config: Config) -> Joints:
     """Forward kinematics of everything the measures look at."""
     skeleton = motion.skeleton
@@ -128,15 +143,15 @@ def from_positions(positions: np.ndarray, config: Config) -> Joints:
 def measure_clip(
     generated: Joints,
     config: Config,
-    onset_times: np.ndarray | None = None,
+    heard: Heard | None = None,
     truth: Joints | None = None,
     trace: Mapping | None = None,
-    graph: MotionGraph | None = None,
+    graph: ReferenceFrames | None = None,
     reference_skate: float = NAN,
 ) -> dict[str, float]:
     """All measures of one clip; NaN for those that lack their evidence.
 
-    onset_times : seconds; trace and graph : of a clip that gesturegen made; reference_skate : foot skate of
+    trace and graph : of a clip that gesturegen made; reference_skate : foot skate of
     its references, cm/s
     """
     settings, fps = config.evaluation, generated.fps
@@ -156,11 +171,13 @@ def measure_clip(
             "foot_skate_ratio": _ratio(skate.speed, reference_skate),
             "foot_contact_share": skate.contact_share,
         }
-    if onset_times is not None and generated.parents is not None:
+    if heard is not None and generated.parents is not None:
         rates = beats.angle_change_rate(generated.world, generated.parents, fps=fps)
         times = beats.motion_beats(rates, fps=fps)
-        row["bc_distance"] = beats.beat_distance(onset_times, times)
-        row["bc_kernel"] = beats.beat_kernel(onset_times, times, sigma_seconds=settings.bc_sigma)
+        row["bc_distance"] = beats.beat_distance(heard.onset_times, times)
+        row["bc_kernel"] = beats.beat_kernel(heard.onset_times, times, sigma_seconds=settings.bc_sigma)
+    if heard is not None and heard.words is not None and generated.wrists:
+        row |= _measure_rhythm(generated, heard.words, config)
     if truth is not None:
         row["syn"] = synchrony.synchrony(generated.world, truth.world)
         row["cca"] = genea.canonical_correlation(generated.relative, truth.relative)
@@ -169,6 +186,22 @@ def measure_clip(
     if trace is not None and graph is not None:
         row |= _measure_trace(generated, trace, graph, config)
     return row
+
+
+def _measure_rhythm(generated: Joints, words: Sequence[tuple[float, float]], config: Config) -> dict[str, float]:
+    """Agreement of words and hands in 32 bits (GestureMaster §3.2), over the clips of the speech that are no rests.
+
+    By chance: the same with the bits of the motion turned round within their clip, over all turns.
+    """
+    settings, fps = config.gesture_master, generated.fps
+    speeds = rhythm.hand_speeds(generated.relative[:, generated.wrists], fps, settings.rhythm.smoothing_seconds)
+    cuts = [cut for cut in cutting.cut(words, len(speeds), fps, settings.cutting) if not cut.rest]
+    if not cuts:
+        return {}
+    said = np.array([rhythm.of_words(words, cut.start / fps, cut.end / fps, settings.rhythm) for cut in cuts])
+    moved = np.array([rhythm.of_motion(speeds[cut.start : cut.end], settings.rhythm) for cut in cuts])
+    turned = [rhythm.agreement(said, np.roll(moved, turn, axis=1)) for turn in range(1, settings.rhythm.bits)]
+    return {"rhythm": rhythm.agreement(said, moved), "rhythm_by_chance": float(np.mean(turned))}
 
 
 def foot_skate(joints: Joints) -> feet.FootSkate:
@@ -219,7 +252,7 @@ def _frechet(generated: Sequence[Joints], truths: Sequence[Joints], config: Conf
     }
 
 
-def _measure_trace(generated: Joints, trace: Mapping, graph: MotionGraph, config: Config) -> dict[str, float]:
+def _measure_trace(generated: Joints, trace: Mapping, graph: ReferenceFrames, config: Config) -> dict[str, float]:
     shown = shown_nodes(trace)
     joins = seams.join_statistics(
         [join["distance"] for join in trace["joins"]],
@@ -254,7 +287,7 @@ def _measure_trace(generated: Joints, trace: Mapping, graph: MotionGraph, config
     }
 
 
-def _measure_wrists(generated: Joints, trace: Mapping, graph: MotionGraph, shown: np.ndarray) -> dict[str, float]:
+def _measure_wrists(generated: Joints, trace: Mapping, graph: ReferenceFrames, shown: np.ndarray) -> dict[str, float]:
     """Speeds of the wrists, against the same frames and against the pauses of the reference."""
     paused = np.zeros(len(shown), dtype=bool)
     for start, end in trace["pauses"]:
@@ -286,7 +319,7 @@ def mean_foot_skate(skates: Sequence[tuple[feet.FootSkate, int]]) -> float:
     return float(np.average(speeds, weights=weights)) if sum(weights) > 0 else NAN
 
 
-def seam_frames(trace: Mapping, graph: MotionGraph) -> np.ndarray:
+def seam_frames(trace: Mapping, graph: ReferenceFrames) -> np.ndarray:
     """Output frames `[shape=(K,)]` at which the right side of a hard join or of an unnatural edge starts."""
     frames = [join["frame"] for join in trace["joins"] if not join["natural"]]
     for piece in trace["pieces"]:

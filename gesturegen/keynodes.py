@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,22 +57,17 @@ def of_speech(speech: Speech, keywords: Mapping[str, str]) -> KeyNodes:
     return _merge(speech.onset_frames, words, np.empty(0, dtype=int))
 
 
-def of_references(references: Sequence[Reference], keywords: Mapping[str, str]) -> KeyNodes:
-    """Key nodes of the frames of all references, numbered one clip after the other.
+def of_reference(reference: Reference, keywords: Mapping[str, str]) -> KeyNodes:
+    """Key nodes of the frames of a reference.
 
     Onsets and keywords that fall on excluded frames are dropped; the last frame of every segment is a break.
     """
-    parts, first = [], 0
-    for reference in references:
-        speech, kept = reference.speech, reference.source_frames
-        frames, words = keyword_frames(speech.words, keywords, speech.n_frames, speech.fps)
-        inside = np.isin(frames, kept)
-        onsets = speech.onset_frames[np.isin(speech.onset_frames, kept)]
-        breaks = np.append(reference.segment_starts[1:], len(kept)) - 1
-        nodes = _merge(np.searchsorted(kept, onsets), (np.searchsorted(kept, frames[inside]), words[inside]), breaks)
-        parts.append((nodes.frames + first, nodes.kinds, nodes.keywords))
-        first += len(kept)
-    return KeyNodes(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    speech, kept = reference.speech, reference.source_frames
+    frames, words = keyword_frames(speech.words, keywords, speech.n_frames, speech.fps)
+    inside = np.isin(frames, kept)
+    onsets = speech.onset_frames[np.isin(speech.onset_frames, kept)]
+    breaks = np.append(reference.segment_starts[1:], len(kept)) - 1
+    return _merge(np.searchsorted(kept, onsets), (np.searchsorted(kept, frames[inside]), words[inside]), breaks)
 
 
 def speaking(speech: Speech, settings: Pauses) -> np.ndarray:

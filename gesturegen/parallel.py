@@ -75,7 +75,7 @@ def one_display(stages: int, expected: int, quiet: bool) -> Iterator[None]:
     """
     global _shared_bar
     with _new_bar("", expected, quiet) as bar:
-        bar.stage, bar.stages = 0, stages
+        bar.stage, bar.stages, bar.stage_name = 0, stages, None
         _shared_bar = bar
         try:
             yield
@@ -92,7 +92,10 @@ def _stage(label: str, total: int, quiet: bool) -> Iterator[Any]:
             yield bar
         return
     bar = _shared_bar
-    bar.stage += 1
+    # `build-graph: edges` is part of the stage build-graph.
+    name = label.partition(":")[0]
+    bar.stage += name != bar.stage_name
+    bar.stage_name = name
     bar.set_description(f"{bar.stage}/{bar.stages} {label}", refresh=False)
     bar.total = max(bar.total, bar.n + total)
     bar.refresh()

@@ -1,8 +1,9 @@
 """From a `Path` of graph nodes to motion: the one renderer that all methods share (§4.2.4).
 
-Order: take the reference frames of the nodes; keep the root from jumping; with `inertialize`, let the
-offsets at jumps decay; resample every piece to its length; with `crossfade`, blend the joins, with
-`least_jerk` correct around all jumps; lock the feet.
+Each track of the path is rendered by itself. Order: take the reference frames of the nodes; keep the root from
+jumping; with `inertialize`, let the offsets at jumps decay; resample every piece to its length; with `crossfade`
+or `overlap`, blend the joins, with `least_jerk` correct around all jumps. Then put the tracks together, smooth,
+and lock the feet.
 """
 
 from __future__ import annotations
@@ -15,10 +16,10 @@ import numpy as np
 
 from gesturegen.clips import Reference, select_joints
 from gesturegen.config import Config
-from gesturegen.graph.motion_graph import MotionGraph
-from gesturegen.motion import blend, cleanup, feet, kinematics, rotation
+from gesturegen.graph.reference_frames import ReferenceFrames
+from gesturegen.motion import blend, body, cleanup, feet, kinematics, rotation, smoothing
 from gesturegen.motion.skeleton import Motion
-from gesturegen.search.path import Path, Piece, resampled_indices
+from gesturegen.search.path import Path, Piece, Track, resampled_indices
 
 # Of times, which are sums of fractions.
 _ROUNDING = 1e-9
@@ -32,23 +33,57 @@ class _Steps:
     jump: np.ndarray
 
 
-def render(path: Path, references: Sequence[Reference], graph: MotionGraph, config: Config) -> Motion:
+@dataclass(frozen=True)
+class _Rendered:
+    """The motion of a track, and of its frames: as recorded, which feet bore weight, and what follows on nothing."""
+
+    motion: Motion
+    as_recorded: Motion
+    bearing: np.ndarray
+    jumps: np.ndarray
+
+
+def render(path: Path, references: Sequence[Reference], graph: ReferenceFrames, config: Config) -> Motion:
     """The motion of a complete path: exactly as many frames as its targets have, at the graph's rate.
 
-    references : those of the graph, in its order. All joints of the skeleton move, so that fingers follow
-    their arm, unless `fingers: rest`.
+    references : those of the graph, in its order; only those that are shown are looked at. Without a set of joints
+    a track moves all of the skeleton, so that fingers follow their arm, unless `fingers: rest`.
     """
-    pieces = path.tracks[0].pieces
-    nodes = path.tracks[0].nodes
-    recorded = _Recorded(references, graph)
+    recorded = _Recorded(references, graph, _needed_nodes(path, graph, config), config)
+    skeleton = recorded.first.skeleton
+    pelvis = skeleton.pelvis(config.positions.root_joint)
+    rendered = [_render_track(track, recorded, graph, pelvis, config) for track in path.tracks]
+    motion, standing = rendered[0].motion, rendered[0]
+    for track, part in zip(path.tracks[1:], rendered[1:], strict=True):
+        joints = [skeleton.names.index(name) for name in track.joints]
+        motion = _with_joints(motion, part.motion, joints)
+        if pelvis in joints:
+            standing = part
+    if config.smoothing.enabled:
+        limbs = body.split(skeleton, pelvis).limbs
+        motion = smoothing.savitzky_golay(motion, limbs, config.smoothing)
+    if config.feet.lock:
+        motion = feet.lock(motion, standing.as_recorded, standing.bearing, standing.jumps, pelvis, config.feet)
+    rotations = motion.rotations.copy()
+    if config.fingers == "rest":
+        selected, _ = select_joints(skeleton, config)
+        rotations[:, np.setdiff1d(body.fingers(skeleton, config.wrists.joints), selected)] = rotation.IDENTITY
+    return replace(motion, rotations=rotation.normalize(rotations))
+
+
+def _render_track(track: Track, recorded: _Recorded, graph: ReferenceFrames, pelvis: int, config: Config) -> _Rendered:
+    pieces, nodes = track.pieces, track.nodes
     source = recorded.take(nodes)
     before = nodes[:-1]
     hold = np.append(False, nodes[1:] == before)
     steps = _Steps(hold, np.append(False, (nodes[1:] != graph.successors[before]) & (nodes[1:] != before)))
     # A body that stands still would go on standing, whatever the recording does next.
     successors = recorded.take(np.where(hold, nodes, graph.successors[nodes]))
+    offsets = np.zeros((len(nodes), 6))
     if config.root.mode == "return":
-        source, successors = _steady_root(source, successors, steps, references, config)
+        offsets = _ground_offsets(source, successors, steps, recorded, pelvis, config)
+        source = _move_ground(source, recorded.travelling, offsets[:, 0], offsets[:, 1:3])
+        successors = _move_ground(successors, recorded.travelling, offsets[:, 3], offsets[:, 4:6])
     rotations, positions = source.rotations.copy(), source.positions.copy()
     if config.blend.method == "inertialize":
         _inertialize(rotations, positions, successors, steps, config)
@@ -58,66 +93,103 @@ def render(path: Path, references: Sequence[Reference], graph: MotionGraph, conf
     rotations, positions = motion.rotations.copy(), motion.positions.copy()
     if config.blend.method == "crossfade":
         _crossfade_joins(rotations, positions, pieces, graph, config)
+    elif config.blend.method == "overlap":
+        ends = np.cumsum([len(piece.nodes) for piece in pieces])
+        for k, seam in _hard_joins(pieces, graph):
+            sides = offsets[ends[k - 1] - 1, :3], offsets[ends[k - 1], :3]
+            _overlap_join(rotations, positions, pieces[k - 1 : k + 1], seam, sides, recorded, graph, config)
     elif config.blend.method == "least_jerk":
         rotations, positions = blend.least_jerk(rotations, positions, jumps, config.blend.reach_seconds * motion.fps)
-    if config.feet.lock:
-        motion = replace(motion, rotations=rotation.normalize(rotations), positions=positions)
-        as_recorded = cleanup.interpolate(recorded.take(nodes[kept]), times)
-        bearing = recorded.foot_contacts(config.feet.joints)[nodes[kept][np.round(times).astype(int)]]
-        pelvis = motion.skeleton.pelvis(config.positions.root_joint)
-        rotations = feet.lock(motion, as_recorded, bearing, jumps, pelvis, config.feet).rotations
-    if config.fingers == "rest":
-        rotations[:, _fingers(motion, config)] = rotation.IDENTITY
-    return replace(motion, rotations=rotation.normalize(rotations), positions=positions)
+    return _Rendered(
+        replace(motion, rotations=rotation.normalize(rotations), positions=positions),
+        as_recorded=cleanup.interpolate(recorded.take(nodes[kept]), times),
+        bearing=recorded.bearing(nodes[kept][np.round(times).astype(int)]),
+        jumps=jumps,
+    )
+
+
+def _with_joints(motion: Motion, other: Motion, joints: Sequence[int]) -> Motion:
+    """The motion with some joints moving as in another."""
+    rotations, positions = motion.rotations.copy(), motion.positions.copy()
+    rotations[:, joints], positions[:, joints] = other.rotations[:, joints], other.positions[:, joints]
+    return replace(motion, rotations=rotations, positions=positions)
+
+
+# --- what was recorded --------------------------------------------------------------------------------------
+
+
+def _needed_nodes(path: Path, graph: ReferenceFrames, config: Config) -> np.ndarray:
+    """All nodes that rendering may look at."""
+    needed = []
+    for track in path.tracks:
+        nodes = track.nodes
+        needed += [nodes, graph.successors[nodes]]
+        if config.blend.method == "overlap":
+            for k, _ in _hard_joins(track.pieces, graph):
+                for piece, side in ((track.pieces[k - 1], 1), (track.pieces[k], -1)):
+                    reach = side * np.arange(int(np.ceil(config.blend.l_blend * _pace(piece))) + 2)
+                    needed.append(_inside_segment(piece.nodes[-1 if side > 0 else 0] + reach, piece, side, graph))
+    return np.unique(np.concatenate(needed))
 
 
 class _Recorded:
-    """The reference frames by graph node."""
+    """The reference frames of some graph nodes, read one reference clip after the other.
 
-    def __init__(self, references: Sequence[Reference], graph: MotionGraph):
-        self.references, self.starts = references, graph.clip_starts
+    travelling : the first joint that travels in them
+    """
+
+    def __init__(self, references: Sequence[Reference], graph: ReferenceFrames, nodes: np.ndarray, config: Config):
+        self.nodes = nodes
+        clips = np.searchsorted(graph.clip_starts, nodes, side="right") - 1
+        self.first = references[0].motion.take(slice(0, 1))
+        parts, bearing, motions = [], [], []
+        for clip in np.unique(clips):
+            motion = references[clip].motion
+            frames = nodes[clips == clip] - graph.clip_starts[clip]
+            parts.append(motion.take(frames))
+            bearing.append(_foot_contacts(motion, config.feet.joints)[frames])
+            motions.append(motion)
+        self.motion = replace(
+            self.first,
+            rotations=np.concatenate([part.rotations for part in parts]),
+            positions=np.concatenate([part.positions for part in parts]),
+        )
+        self._bearing = np.concatenate(bearing)
+        self.travelling = kinematics.travelling_joint(motions)
 
     def take(self, nodes: np.ndarray) -> Motion:
-        first = self.references[0].motion
-        shape = (len(nodes), len(first.skeleton.names))
-        rotations, positions = np.empty((*shape, 4)), np.empty((*shape, 3))
-        clips = np.searchsorted(self.starts, nodes, side="right") - 1
-        for clip in np.unique(clips):
-            chosen = clips == clip
-            frames = nodes[chosen] - self.starts[clip]
-            rotations[chosen] = self.references[clip].motion.rotations[frames]
-            positions[chosen] = self.references[clip].motion.positions[frames]
-        return Motion(first.skeleton, rotations, positions, first.fps)
+        return self.motion.take(np.searchsorted(self.nodes, nodes))
 
-    def foot_contacts(self, joints: Sequence[str]) -> np.ndarray:
-        """bool `[shape=(N, F)]`: which of the feet that there are bear weight, by node."""
-        names = self.references[0].motion.skeleton.names
-        places = [names.index(name) for name in joints if name in names]
-        if not places:
-            return np.zeros((sum(r.motion.n_frames for r in self.references), 0), dtype=bool)
-        return np.concatenate([feet.contacts(kinematics.joint_positions(r.motion, places)) for r in self.references])
+    def bearing(self, nodes: np.ndarray) -> np.ndarray:
+        """bool `[shape=(n, F)]`: which of the feet that there are bear weight."""
+        return self._bearing[np.searchsorted(self.nodes, nodes)]
+
+
+def _foot_contacts(motion: Motion, joints: Sequence[str]) -> np.ndarray:
+    names = motion.skeleton.names
+    places = [names.index(name) for name in joints if name in names]
+    if not places:
+        return np.zeros((motion.n_frames, 0), dtype=bool)
+    return feet.contacts(kinematics.joint_positions(motion, places))
 
 
 # --- root ---------------------------------------------------------------------------------------------------
 
 
-def _steady_root(
-    source: Motion, successors: Motion, steps: _Steps, references: Sequence[Reference], config: Config
-) -> tuple[Motion, Motion]:
-    """Move ground position and heading so that they never jump; the offset then decays.
+def _ground_offsets(
+    source: Motion, successors: Motion, steps: _Steps, recorded: _Recorded, pelvis: int, config: Config
+) -> np.ndarray:
+    """What ground position and heading are moved by so that they never jump; the offset then decays.
 
     At a jump the new side starts where the old side's next frame would have been. Within a run the offset
     turns the travelled way along with the body, so that feet do not slide more than the decay makes them.
+    Returns per node the offset (turn, x, z) of its frame and of its natural successor's `[shape=(n, 6)]`.
     """
-    skeleton = source.skeleton
-    travelling = kinematics.travelling_joint([reference.motion for reference in references])
-    pelvis = skeleton.pelvis(config.positions.root_joint)
-    zero_heading = kinematics.world_transforms(references[0].motion.take(slice(0, 1)), [pelvis])[0][0, 0]
-    here = _ground_poses(source, travelling, pelvis, zero_heading)
-    ahead = _ground_poses(successors, travelling, pelvis, zero_heading)
-    offsets = np.array(_ground_offsets(here, ahead, steps, 0.5 ** (1.0 / (config.root.return_half_life * source.fps))))
-    moved = _move_ground(source, travelling, offsets[:, 0], offsets[:, 1:3])
-    return moved, _move_ground(successors, travelling, offsets[:, 3], offsets[:, 4:6])
+    zero_heading = kinematics.world_transforms(recorded.first, [pelvis])[0][0, 0]
+    here = _ground_poses(source, recorded.travelling, pelvis, zero_heading)
+    ahead = _ground_poses(successors, recorded.travelling, pelvis, zero_heading)
+    decay = 0.5 ** (1.0 / (config.root.return_half_life * source.fps))
+    return np.array(_accumulated_offsets(here, ahead, steps, decay))
 
 
 def _ground_poses(motion: Motion, travelling: int, pelvis: int, zero_heading: np.ndarray) -> np.ndarray:
@@ -127,8 +199,7 @@ def _ground_poses(motion: Motion, travelling: int, pelvis: int, zero_heading: np
     return np.column_stack([rotation.heading(turned), positions[:, 0, 0], positions[:, 0, 2]])
 
 
-def _ground_offsets(here: np.ndarray, ahead: np.ndarray, steps: _Steps, decay: float) -> list[list[float]]:
-    """Per node the offset (turn, x, z) of its frame and of its natural successor's."""
+def _accumulated_offsets(here: np.ndarray, ahead: np.ndarray, steps: _Steps, decay: float) -> list[list[float]]:
     rows = []
     turn = x = z = next_turn = next_x = next_z = 0.0
     for k, ((heading, px, pz), (_, ax, az)) in enumerate(zip(here.tolist(), ahead.tolist(), strict=True)):
@@ -198,7 +269,7 @@ def _spin(before: np.ndarray, after: np.ndarray) -> np.ndarray:
 
 
 def _timeline(
-    pieces: Sequence[Piece], nodes: np.ndarray, graph: MotionGraph, how: str
+    pieces: Sequence[Piece], nodes: np.ndarray, graph: ReferenceFrames, how: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Which of all nodes are interpolated between `[shape=(K,)]`, and where among them each output frame lies.
 
@@ -240,23 +311,75 @@ def _jumps(times: np.ndarray, jump: np.ndarray) -> np.ndarray:
     return np.append(False, counts[after] > counts[before])
 
 
-def _crossfade_joins(
-    rotations: np.ndarray, positions: np.ndarray, pieces: Sequence[Piece], graph: MotionGraph, config: Config
-) -> None:
-    """Cross-fade every join that is not natural, left to right, in place."""
-    seams = [
-        piece.target.start_frame
-        for before, piece in pairwise(pieces)
+def _hard_joins(pieces: Sequence[Piece], graph: ReferenceFrames) -> list[tuple[int, int]]:
+    """Number and first frame of every piece that is no natural continuation of the one before."""
+    return [
+        (k, piece.target.start_frame)
+        for k, (before, piece) in enumerate(pairwise(pieces), 1)
         if piece.nodes[0] != graph.successors[before.nodes[-1]]
     ]
+
+
+def _crossfade_joins(
+    rotations: np.ndarray, positions: np.ndarray, pieces: Sequence[Piece], graph: ReferenceFrames, config: Config
+) -> None:
+    """Cross-fade every hard join, left to right, in place."""
+    seams = [seam for _, seam in _hard_joins(pieces, graph)]
     for seam, right_end in pairwise([*seams, len(rotations)]):
         blend.crossfade(rotations, positions, seam, right_end, config.blend)
 
 
-def _fingers(motion: Motion, config: Config) -> list[int]:
-    """Joints below the wrists that are not selected for distances."""
-    names = motion.skeleton.names
-    wrists = [names.index(name) for name in config.wrists.joints if name in names]
-    below = {joint for wrist in wrists for joint in motion.skeleton.descendants(wrist)}
-    selected, _ = select_joints(motion.skeleton, config)
-    return sorted(below - set(selected))
+def _pace(piece: Piece) -> float:
+    """Nodes per output frame."""
+    return (len(piece.nodes) - 1) / max(piece.target.length - 1, 1)
+
+
+def _inside_segment(nodes: np.ndarray, piece: Piece, side: int, graph: ReferenceFrames) -> np.ndarray:
+    """Nodes (fractional ones too) after a piece's last (side 1) or before its first (-1), as far as was recorded."""
+    if side > 0:
+        segment = np.searchsorted(graph.segment_starts, piece.nodes[-1], side="right") - 1
+        return np.minimum(nodes, graph.segment_ends[segment])
+    segment = np.searchsorted(graph.segment_starts, piece.nodes[0], side="right") - 1
+    return np.maximum(nodes, graph.segment_starts[segment])
+
+
+def _overlap_join(
+    rotations: np.ndarray, positions: np.ndarray, pieces: Sequence[Piece], seam: int,
+    offsets: tuple[np.ndarray, np.ndarray], recorded: _Recorded, graph: ReferenceFrames, config: Config,
+) -> None:  # fmt: skip
+    """Blend up to `l_blend` frames on each side of a seam, in place: both sides play on through them as recorded.
+
+    offsets : on the ground (turn, x, z), of the left piece's last node and of the right piece's first
+    """
+    left, right = pieces
+    # No more than half of a piece, so that its two joins stay apart.
+    counts = [min(config.blend.l_blend, piece.target.length // 2) for piece in pieces]
+    amount = blend.weights(sum(counts), config.blend.curve)[:, None]
+    before, after = np.arange(seam - counts[0], seam), np.arange(seam, seam + counts[1])
+    beyond = left.nodes[-1] + (after - seam + 1) * _pace(left)
+    ahead = right.nodes[0] - (seam - before) * _pace(right)
+    played_on = _played(beyond, left, 1, offsets[0], recorded, graph)
+    played_before = _played(ahead, right, -1, offsets[1], recorded, graph)
+    for frames, weights, start, end in (
+        (before, amount[: counts[0]], None, played_before),
+        (after, amount[counts[0] :], played_on, None),
+    ):
+        first = (rotations[frames], positions[frames]) if start is None else (start.rotations, start.positions)
+        second = (rotations[frames], positions[frames]) if end is None else (end.rotations, end.positions)
+        rotations[frames] = blend.mix_rotations(first[0], second[0], weights, config.blend.rotations)
+        positions[frames] = (1.0 - weights[..., None]) * first[1] + weights[..., None] * second[1]
+
+
+def _played(
+    nodes: np.ndarray, piece: Piece, side: int, offset: np.ndarray, recorded: _Recorded, graph: ReferenceFrames
+) -> Motion:
+    """Poses at fractional nodes beyond an end of a piece, on the ground where the piece is there."""
+    edge = int(piece.nodes[-1 if side > 0 else 0])
+    nodes = _inside_segment(nodes, piece, side, graph)
+    low, high = np.floor(nodes).astype(int), np.ceil(nodes).astype(int)
+    poses = cleanup.mix(recorded.take(low), recorded.take(high), nodes - low)
+    there = kinematics.world_transforms(recorded.take(np.array([edge])), [recorded.travelling])[1][0, 0]
+    way = kinematics.world_transforms(poses, [recorded.travelling])[1][:, 0] - there
+    turned = rotation.rotate(rotation.about_y(np.full(len(nodes), offset[0])), way)
+    shifts = offset[1:3] + (turned - way)[:, [0, 2]]
+    return _move_ground(poses, recorded.travelling, np.full(len(nodes), offset[0]), shifts)

@@ -12,13 +12,13 @@ from gesturegen import __version__, files, keynodes
 from gesturegen.clips import Speech
 from gesturegen.config import Config
 from gesturegen.errors import DataError
-from gesturegen.graph.motion_graph import MotionGraph
+from gesturegen.graph.reference_frames import ReferenceFrames
 from gesturegen.keynodes import KeyNodes
 from gesturegen.motion import bvh, rotation
 from gesturegen.motion.skeleton import Motion, Skeleton
 from gesturegen.runs import runs
 from gesturegen.search.path import Path as SearchPath
-from gesturegen.search.path import Piece, resampled_indices
+from gesturegen.search.path import Piece, Track, resampled_indices
 
 # A torn frame turns a joint by a right angle or more; recorded gestures and blends stay well below.
 LARGEST_TURN_DEGREES_PER_SECOND = 2700.0
@@ -28,7 +28,7 @@ STILL_SECONDS = 1.0
 
 
 def make_trace(
-    path: SearchPath, graph: MotionGraph, graph_name: str, speech: Speech, key_nodes: KeyNodes, config: Config,
+    path: SearchPath, graph: ReferenceFrames, graph_name: str, speech: Speech, key_nodes: KeyNodes, config: Config,
     variant: int = 1,
 ) -> dict:  # fmt: skip
     """Everything needed to explain a clip's frames (README, file formats)."""
@@ -37,13 +37,13 @@ def make_trace(
     return {
         "clip": speech.name,
         "method": config.method,
-        "search": config.search,
+        "search": config.search_name,
         "seed": config.seed,
         "variant": variant,
         "graph": graph_name,
         "references": [
-            {"clip": name, "start_node": int(start)}
-            for name, start in zip(graph.clip_names, graph.clip_starts, strict=True)
+            {"clip": name, "start_node": int(start), "mirrored": mirrored}
+            for (name, mirrored), start in zip(graph.clips, graph.clip_starts, strict=True)
         ],
         "fps": graph.fps,
         "n_frames": speech.n_frames,
@@ -64,20 +64,9 @@ def make_trace(
             "end_kind": stuck.end_kind,
             "keyword": stuck.keyword,
         },
-        "notes": _notes(pieces, graph, key_nodes, config),
+        "tracks": [_describe_track(track, graph, config) for track in path.tracks[1:]],
+        "notes": list(path.notes),
     }
-
-
-def _notes(pieces: Sequence[Piece], graph: MotionGraph, key_nodes: KeyNodes, config: Config) -> list[str]:
-    """What a user should know of a clip beyond its figures."""
-    notes = []
-    lacking = sorted(set(key_nodes.keywords.tolist()) - set(graph.key_nodes.keywords.tolist()))
-    if lacking and config.termination.fallbacks:
-        notes.append(f"keywords that its references lack, so those pieces end at onsets: {', '.join(lacking)}")
-    repeats = sum(piece.fallback == "repeat" for piece in pieces)
-    if repeats:
-        notes.append(f"{repeats} of {len(pieces)} pieces hold one pose, because no path fits; give longer references")
-    return notes
 
 
 def write_clip(folder: Path, name: str, motion: Motion | None, trace: Mapping) -> None:
@@ -108,6 +97,15 @@ def read_trace_if_current(folder: Path, name: str, inputs: str) -> dict | None:
         return None
 
 
+def _describe_track(track: Track, graph: ReferenceFrames, config: Config) -> dict:
+    """A further track, which moves joints of its own."""
+    return {
+        "joints": list(track.joints),
+        "pieces": [_describe_piece(piece) for piece in track.pieces],
+        "joins": _describe_joins(track.pieces, graph, config),
+    }
+
+
 def _describe_piece(piece: Piece) -> dict:
     return {
         "start_frame": piece.target.start_frame,
@@ -123,7 +121,7 @@ def _describe_piece(piece: Piece) -> dict:
     }
 
 
-def _describe_joins(pieces: Sequence[Piece], graph: MotionGraph, config: Config) -> list[dict]:
+def _describe_joins(pieces: Sequence[Piece], graph: ReferenceFrames, config: Config) -> list[dict]:
     """A join's distance is from the left side's natural successor to the right side's first node."""
     lefts = np.array([piece.nodes[-1] for piece in pieces[:-1]], dtype=int)
     rights = np.array([piece.nodes[0] for piece in pieces[1:]], dtype=int)
@@ -164,6 +162,15 @@ def shown_nodes(trace: Mapping) -> np.ndarray:
     )
 
 
+def shown_clips(trace: Mapping) -> list[str]:
+    """The reference clips of which anything is shown, in any track."""
+    starts = [reference["start_node"] for reference in trace["references"]]
+    pieces = [piece for track in (trace, *trace.get("tracks", [])) for piece in track["pieces"]]
+    nodes = np.concatenate([piece["nodes"] for piece in pieces]) if pieces else np.empty(0)
+    shown = np.unique(np.searchsorted(starts, nodes, side="right") - 1)
+    return sorted({trace["references"][clip]["clip"] for clip in shown})
+
+
 def manifest(results: Iterable[Mapping], config: Config, folder: Path, variant: int = 1) -> dict:
     """What was run, on what, with which figures and file hashes; the same for the same inputs.
 
@@ -178,7 +185,7 @@ def manifest(results: Iterable[Mapping], config: Config, folder: Path, variant: 
     return {
         "gesturegen": __version__,
         "method": config.method,
-        "search": config.search,
+        "search": config.search_name,
         "seed": config.seed,
         "variant": variant,
         "config_hash": config.signature(),

@@ -3,11 +3,15 @@
 import numpy as np
 
 from gesturegen.config import Continuity, load_config
+from gesturegen.gestures import transitions
+from gesturegen.gestures.transitions import Borders
 from gesturegen.graph import motion_graph
 from gesturegen.keynodes import KeyNodes
-from gesturegen.search import beam, global_search
+from gesturegen.motion import rotation
+from gesturegen.motion.skeleton import read_only
+from gesturegen.search import beam, global_search, viterbi
 from gesturegen.search.path import Target
-from gesturegen.speech import audio
+from gesturegen.speech import audio, prosody
 
 
 def main() -> None:
@@ -26,6 +30,11 @@ def main() -> None:
     beam.search(graph, graph.stop_nodes(None), np.array([0]), 20, config.beam)
     targets = [Target(0, 20, "onset"), Target(20, 40, "break")]
     global_search.search(graph, targets, np.arange(40) < 30, config)
+    poses = Borders(rng.normal(size=(3, 2, 2, 3)).astype(np.float32), np.tile(rotation.IDENTITY, (3, 2, 2, 1)))
+    counts, sources, costs = (read_only(array) for array in transitions.edges(poses, poses, 0, 3, 1.0, 1.0, np.inf))
+    edges = viterbi.InEdges(np.append(0, np.cumsum(counts)), sources, costs)
+    viterbi.search(rng.normal(size=(2, 3)), edges, 1.0, 1.0, np.arange(3), 1.0)
+    prosody.measure(samples, 16000, config.prosody)
 
 
 if __name__ == "__main__":

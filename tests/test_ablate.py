@@ -449,18 +449,37 @@ def test_the_papers_setups_change_what_the_paper_says():
     assert load_plan().signature == plan.signature, "without --config it is the paper's"
 
 
+def changed_settings(one, other) -> dict:
+    """The settings of `other` that are not those of `one`, by key path."""
+    ours, theirs = (clips._leaves(config.model_dump(by_alias=True)) for config in (one, other))
+    return {key: theirs[key] for key in theirs if ours[key] != theirs[key]}
+
+
 def test_the_plans_beyond_the_paper():
     plan = load_plan(TOP / "configs/comparison.yaml")
-    assert plan.seeds == (0, 1, 2) and plan.base.signature() == load_config().signature()
-    assert {name: (config.search, config.blend.method) for name, config in plan.setups.items()} == {
+    assert plan.seeds == (0, 1, 2)
+    assert plan.base.signature() == load_config(None, ["prosody.enabled=true"]).signature()
+    assert {name: (config.search_name, config.blend.method) for name, config in plan.setups.items()} == {
         "beam": ("beam", "crossfade"), "beam_inertialize": ("beam", "inertialize"),
         "global": ("global", "crossfade"), "global_inertialize": ("global", "inertialize"),
-        "best": ("global", "least_jerk"),
+        "best": ("global", "least_jerk"), "gesture_master": ("viterbi", "overlap"),
+    }  # fmt: skip
+    plan = load_plan(TOP / "configs/gesture_master_ablation.yaml")
+    assert plan.base.signature() == load_config(TOP / "configs/gesture_master_2022.yaml").signature()
+    full = plan.setups.pop("full")
+    assert full == plan.base
+    assert {name: changed_settings(full, config) for name, config in plan.setups.items()} == {
+        "no_rhythm": {"gesture_master.upper.lambda_6": 0.0}, "no_style": {"gesture_master.style.source": "none"},
+        "no_mirroring": {"gesture_master.mirror": False}, "no_smoothing": {"smoothing.enabled": False},
+        "strong_rhythm": {"gesture_master.upper.lambda_4": 0.3, "gesture_master.upper.lambda_6": 2.0},
     }  # fmt: skip
     plan = load_plan(TOP / "configs/reference_length.yaml")
     assert plan.base.references.mode == "all" and plan.base.references.seconds is None
-    minutes = [(config.references.seconds / 60, config.search) for config in plan.setups.values()]
-    assert minutes == [(length, search) for length in (0.5, 1, 2, 5, 10, 20, 60) for search in ("beam", "global")]
+    minutes = [(config.references.seconds / 60, config.search_name) for config in plan.setups.values()]
+    searches = {
+        length: ["beam", "global", *["viterbi"] * (length in (1, 10, 60))] for length in (0.5, 1, 2, 5, 10, 20, 60)
+    }
+    assert minutes == [(length, search) for length, names in searches.items() for search in names]
 
 
 def test_base_set_and_setup_are_layered_in_this_order(tmp_path):

@@ -17,6 +17,7 @@ ROOMS = [
     {"clips"},
     {"keynodes"},
     {"graph"},
+    {"gestures"},
     {"search"},
     {"methods"},
     {"render"},

@@ -34,7 +34,7 @@ def test_every_measure_has_its_own_evidence(moved):
     known = {key for key, value in bare.items() if np.isfinite(value)}
     assert known == {"failure", "div", "jerk", "acceleration"}
     onsets = np.array([0.5, 1.0, 2.5])
-    heard = evaluation.measure_clip(joints, CONFIG, onsets)
+    heard = evaluation.measure_clip(joints, CONFIG, evaluation.Heard(onsets))
     assert {key for key, value in heard.items() if np.isfinite(value)} == known | {"bc_distance", "bc_kernel"}
     times = beats.motion_beats(beats.angle_change_rate(joints.world, joints.parents, fps=30), fps=30)
     assert heard["bc_kernel"] == beats.beat_kernel(onsets, times, sigma_seconds=0.1)
@@ -120,7 +120,7 @@ def test_unblended_natural_motion_has_no_seam_and_a_jump_has(moved):
 
 def test_bare_positions_have_no_beats():
     positions = np.random.default_rng(0).normal(size=(50, 5, 3)).cumsum(axis=0)
-    row = evaluation.measure_clip(evaluation.from_positions(positions, CONFIG), CONFIG, np.array([0.5]))
+    row = evaluation.measure_clip(evaluation.from_positions(positions, CONFIG), CONFIG, evaluation.Heard(np.array([0.5])))
     assert np.isnan(row["bc_distance"]) and row["jerk"] > 0
 
 

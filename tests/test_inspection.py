@@ -1,4 +1,4 @@
-"""`inspect`: the figures of a graph with known components and pieces, and the lines of a trace."""
+"""`inspect`: the figures of graphs with known components and pieces and of gesture databases, the lines of traces."""
 
 import json
 import sys
@@ -12,11 +12,15 @@ from gesturegen import submission
 from gesturegen.cli import main
 from gesturegen.config import load_config
 from gesturegen.errors import DataError
+from gesturegen.gestures import database as database_module
+from gesturegen.gestures.extraction import extract
 from gesturegen.graph import motion_graph
-from gesturegen.inspection import graphs, traces
+from gesturegen.inspection import databases, graphs, traces
 from gesturegen.keynodes import of_speech
+from gesturegen.methods import METHODS, load_library
 from gesturegen.pipeline import inspect
 from tests import tiny
+from tests.gestures import gesture_builders as builders
 
 # Two segments, 0-5 and 6-9. The edge 4 -> 1 closes a cycle of four; 6-9 hang on by 2 -> 7 only.
 ROWS = [(2, "onset"), (5, "keyword", "greeting"), (8, "keyword", "greeting"), (9, "onset")]
@@ -146,3 +150,253 @@ def test_a_plot_without_matplotlib_says_what_to_install(work, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(DataError, match=r"pip install 'gesturegen\[video\]'"):
         inspect(load_config(None, [f"paths.work={work}"]), "clip", work / "a.png")
+
+
+# --- gesture databases --------------------------------------------------------------------------------------
+
+MASTER = METHODS["gesture_master"]
+GESTURES = builders.config()
+
+
+def strict_json(text: str):
+    """JSON as others read it, without NaN."""
+
+    def refuse(constant):
+        raise AssertionError(f"{constant} is no JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+def png_size(path: Path) -> tuple[int, int]:
+    head = path.read_bytes()[:24]
+    assert head.startswith(b"\x89PNG")
+    return int.from_bytes(head[16:20], "big"), int.from_bytes(head[20:24], "big")
+
+
+@pytest.fixture(scope="module")
+def references():
+    """One recording with a gap and a torn frame, one whose fingers do not move."""
+    rng = np.random.default_rng(1)
+    first = builders.reference(rng, 400, "first", excluded=[(150, 170)], voice=1)
+    return [builders.glitch(first, 300), builders.reference(rng, 300, "second", fingers=False, voice=2)]
+
+
+@pytest.fixture(scope="module")
+def database(references):
+    return MASTER.build(references, GESTURES)
+
+
+@pytest.fixture
+def stored(tmp_path, database) -> Path:
+    """A work folder with that database and the trace of a speech found in it."""
+    database_module.save(tmp_path / "graphs/both.npz", database, GESTURES)
+    speech = builders.speech(240, builders.words(np.random.default_rng(3), 240), name="talk")
+    path = MASTER.search(database, speech, GESTURES, np.random.default_rng(0))
+    trace = submission.make_trace(path, database, "both", speech, of_speech(speech, {}), GESTURES)
+    (tmp_path / "reenact").mkdir()
+    (tmp_path / "reenact/talk.trace.json").write_text(submission.format_trace(trace))
+    return tmp_path
+
+
+def test_figures_of_a_database(database):
+    facts = databases.describe_database(database)
+    half = len(database.starts) // 2
+    assert [one["clip"] for one in facts["recordings"]] == ["first", "second"] and facts["mirrored"]
+    assert [one["frames"] for one in facts["recordings"]] == [380, 300] and facts["frames"] == 680
+    assert facts["seconds"] == pytest.approx(680 / 30)
+    clips = facts["gesture_clips"]
+    assert clips["total"] == 2 * half == clips["gestures"] + clips["rests"] and clips["mirrored"] == half
+    assert [clip["name"] for clip in facts["clips"]] == database.names[:half].tolist()
+    assert sum(one["gesture_clips"] for one in facts["recordings"]) == half
+    rests = np.array([clip["frames"] for clip in facts["clips"] if clip["kind"] == "rest"]) / 30
+    assert facts["lengths"]["rests"]["mean"] == pytest.approx(rests.mean())
+    assert facts["lengths"]["rests"]["max"] == pytest.approx(rests.max())
+    ones = [clip["bits"].count("1") for clip in facts["clips"]]
+    assert facts["rhythm"]["mean_set"] == pytest.approx(np.mean(ones)) and facts["rhythm"]["bits"] == 32
+    shown = database.styles[~database.rests]
+    for k, name in enumerate(("speed", "radius", "height")):
+        assert facts["style"][name]["mean"] == pytest.approx(shown[:, k].mean())
+        assert facts["style"][name]["std"] == pytest.approx(shown[:, k].std())
+    assert facts["regression"] is None
+
+
+@pytest.mark.parametrize("body", ["upper", "lower"])
+def test_edges_of_a_database_are_counted_both_ways(database, body):
+    facts = databases.describe_database(database)["edges"][body]
+    indptr, sources = (getattr(database, f"{body}_{key}") for key in ("indptr", "sources"))
+    n_clips = len(database.starts)
+    pairs = {(int(p), q) for q in range(n_clips) for p in sources[indptr[q] : indptr[q + 1]]}
+    out = [sum(p == clip for p, _ in pairs) for clip in range(n_clips)]
+    assert facts["total"] == len(pairs) and facts["share_of_pairs"] == pytest.approx(len(pairs) / n_clips**2)
+    assert facts["clips_without_out"] == out.count(0)
+    assert facts["clips_without_in"] == n_clips - len({q for _, q in pairs})
+    assert facts["per_clip"]["mean"] == pytest.approx(np.mean(out)) and facts["per_clip"]["max"] == max(out)
+    assert facts["delta_t"] == database.deltas[["upper", "lower"].index(body)]
+
+
+def test_seconds_of_a_gesture_clip_are_those_of_its_recording(database):
+    clips = databases.describe_database(database)["clips"]
+    assert all(float(clip["name"].split("@")[1]) == pytest.approx(clip["start_seconds"], abs=0.006) for clip in clips)
+    assert all(clip["stop_seconds"] - clip["start_seconds"] == pytest.approx(clip["frames"] / 30) for clip in clips)
+    # After the 20 frames that were left out.
+    after = next(clip for clip in clips if clip["start_seconds"] > 5.5)
+    assert after["start_node"] == round(after["start_seconds"] * 30) - 20
+
+
+def test_a_database_on_the_command_line(stored, database):
+    result = run(stored / "graphs/both.npz")
+    lines = result.output.splitlines()
+    assert result.exit_code == 0 and run("both", "--work", stored).output == result.output
+    half = len(database.starts) // 2
+    clips = [line for line in lines if line.startswith(("first@", "second@"))]
+    assert [line.split()[0] for line in clips] == database.names[:half].tolist()
+    for line in (
+        "gesture database: 2 recordings, each also mirrored; 680 frames (22.7 s at 30 fps)",
+        "style from prosody: not asked for",
+        "  gap between words over, s  0.1  0.2  0.3  0.4  0.5  0.6  0.8    1",
+        f"clips with the fingers of another: {(database.finger_sources != np.arange(2 * half)).sum()}",
+    ):
+        assert line in lines, result.output
+    assert any("the paper chose 0.4 s" in line for line in lines)
+    first = next(k for k in range(half) if database.names[k].startswith("second@"))
+    lent = next(line for line in clips if line.startswith(f"{database.names[first]} "))
+    source = database.finger_sources[first]
+    assert lent.endswith(f"fingers of {database.names[source]}{' mirrored' if source >= half else ''}")
+    assert len({len(line.split(" fingers of")[0].rstrip()) for line in clips}) == 1
+
+
+def test_dropped_clips_are_named_with_the_reason(stored, database):
+    facts = strict_json(run("both", "--work", stored, "--json").output)
+    assert [[one["clip"], one["reason"]] for one in facts["dropped"]] == database.dropped.tolist()
+    torn = next(one for one in facts["dropped"] if "above" in one["reason"])
+    kind = torn["reason"].split()[0]
+    assert torn["clip"].startswith("first@") and kind in ("turns", "moves") and facts["dropped_kinds"][kind] == 1
+    lines = run("both", "--work", stored).output.splitlines()
+    assert f"dropped: {torn['clip']}, {torn['reason']}" in lines
+    assert any(line.startswith(f"clips dropped: {len(facts['dropped'])}: ") and f"1 {kind}" in line for line in lines)
+
+
+def test_json_of_a_database_is_complete_and_has_no_nan(stored, database):
+    facts = strict_json(run("both", "--work", stored, "--json").output)
+    assert len(facts["clips"]) == len(database.starts) // 2 and len(facts["thresholds"]) == 8
+    # A pause of over 0.6 s is a rest, so a gap of more than that cuts nothing else.
+    assert facts["thresholds"][-1] == facts["thresholds"][-2] | {"gap_seconds": 1.0}
+    assert facts["thresholds"][0]["clips"] == database.thresholds[0, 0]
+
+
+def test_of_many_clips_the_first_are_listed():
+    rng = np.random.default_rng(4)
+    many = [builders.reference(rng, 2400, name) for name in ("used", "unused")]
+    config = builders.config({"quality": {"exclude": ("unused@*",)}})
+    database = MASTER.build(many, config)
+    facts = databases.describe_database(database)
+    kept, dropped = len(facts["clips"]), len(facts["dropped"])
+    assert kept > 40 and dropped > 20 and facts["dropped_kinds"]["excluded"] > 20
+    lines = databases.database_lines(facts)
+    assert sum(line.startswith("used@") for line in lines) == 40
+    assert lines[-1] == f"and {kept - 40} more gesture clips (--json lists all)"
+    assert sum(line.startswith("dropped: ") for line in lines) == 20
+    assert f"and {dropped - 20} more dropped (--json lists all)" in lines
+
+
+def test_a_database_with_a_regression_and_without_mirrored_copies(references):
+    config = builders.config({"style": {"source": "predict"}, "mirror": False})
+    facts = databases.describe_database(MASTER.build(references, config))
+    lines = databases.database_lines(facts)
+    gestures = sum(clip["kind"] == "gesture" for clip in facts["clips"])
+    assert facts["regression"]["clips"] == gestures and set(facts["regression"]["r2"]) == {"speed", "radius", "height"}
+    assert facts["regression"]["summary"] in lines and "cross-validated R2" in facts["regression"]["summary"]
+    assert not facts["mirrored"] and facts["gesture_clips"]["mirrored"] == 0 and "none mirrored" in lines[0]
+
+
+def test_a_database_of_one_rest():
+    still = builders.reference(np.random.default_rng(5), 40, "quiet", spoken=[], moved=None)
+    config = builders.config({"mirror": False, "upper": {"delta_t": 8}, "lower": {"delta_t": 8}})
+    facts = databases.describe_database(MASTER.build([still], config))
+    assert facts["lengths"]["gestures"] is None and facts["rhythm"]["mean_set_gestures"] is None
+    assert {row["mean_seconds"] for row in facts["thresholds"]} == {None}
+    strict_json(json.dumps(facts))
+    lines = databases.database_lines(facts)
+    assert (
+        "lengths of gestures, s: -" in lines
+        and "gesture clips: 1: 0 gestures, 1 rest; 0 of them mirrored copies" in lines
+    )
+
+
+def test_every_piece_of_both_bodies_is_one_line(stored, database):
+    lines = run("talk", "--work", stored).output.splitlines()
+    trace = json.loads((stored / "reenact/talk.trace.json").read_text())
+    heading = next(n for n, line in enumerate(lines) if line.lstrip().startswith("time"))
+    rows = [line.split() for line in lines[heading + 1 :]]
+    upper = [row for row in rows if "upper" in row]
+    lower = [row for row in rows if row[0] == "lower"]
+    assert len(upper) == len(lower) == len(trace["pieces"]) and rows[0] in upper and rows[1] in lower
+    for shown, pieces in ((upper, trace["pieces"]), (lower, trace["tracks"][0]["pieces"])):
+        for row, piece in zip(shown, pieces, strict=True):
+            clip = int(np.flatnonzero(database.starts == piece["nodes"][0])[0])
+            assert str(database.names[clip]) in row
+            assert ("mirrored" in row) == (clip >= len(database.starts) // 2)
+            assert f"{database.source_frames[piece['nodes'][0]]}-{database.source_frames[piece['nodes'][-1]]}" in row
+    # Fingers only where they are of another clip.
+    lent = [row for row in rows if row[0] == "fingers"]
+    sources = [piece["nodes"][0] for piece in trace["tracks"][1]["pieces"]] if len(trace["tracks"]) > 1 else []
+    assert len(lent) == sum(a != b["nodes"][0] for a, b in zip(sources, trace["pieces"], strict=False))
+    assert len(rows) == len(upper) + len(lower) + len(lent)
+    assert "graph: both, of first, second; all of them mirrored as well" in lines
+    assert any(line.startswith("upper body: ") and "rhythm" in line for line in lines)
+
+
+def test_json_of_a_trace_of_two_bodies(stored):
+    facts = strict_json(run("talk", "--work", stored, "--json").output)
+    trace = json.loads((stored / "reenact/talk.trace.json").read_text())
+    assert [track["joints"] for track in facts["tracks"]] == [track["joints"] for track in trace["tracks"]]
+    for found, given in zip([facts, *facts["tracks"]], [trace, *trace["tracks"]], strict=True):
+        assert [piece["costs"] for piece in found["pieces"]] == [piece["costs"] for piece in given["pieces"]]
+        assert all(piece["gesture"] for piece in found["pieces"])
+    assert facts["header"]["references"] == ["first", "second"] and facts["header"]["mirrored"]
+    assert facts["header"]["objective"] == trace["objective"]
+
+
+def test_a_trace_without_its_database_or_with_another_one(stored, references):
+    trace = stored / "reenact/talk.trace.json"
+    for settings in ({"mirror": False}, {"cutting": {"min_seconds": 0.7}}):
+        database_module.save(stored / "graphs/both.npz", MASTER.build(references, builders.config(settings)), GESTURES)
+        result = run(trace, "--work", stored)
+        assert result.exit_code == 0 and "its graph both is another one now" in result.output
+        assert "first@" not in result.output and "lower" in result.output
+    (stored / "graphs/both.npz").unlink()
+    result = run(trace, "--work", stored)
+    assert result.exit_code == 0 and "its graph both is not there" in result.output and "lower" in result.output
+
+
+@pytest.mark.parametrize("target", ["both", "talk"])
+def test_pictures_of_a_database_and_of_its_trace(target, stored):
+    plot = stored / f"{target}.png"
+    result = run(target, "--work", stored, "--plot", plot)
+    assert result.exit_code == 0, result.output
+    width, height = png_size(plot)
+    assert width >= 1000 and height >= 500 and plot.stat().st_size > 20_000
+
+
+def test_a_database_is_found_by_the_name_of_its_recording(stored):
+    (stored / "graphs/both.npz").rename(stored / "graphs/both-gestures.npz")
+    result = run("both", "--work", stored)
+    assert result.exit_code == 1 and "nearest is both-gestures" in result.output
+    found = run("both", "--work", stored, "--set", "method=gesture_master", "--set", "prosody.enabled=true")
+    assert found.exit_code == 0 and found.output == run("both-gestures", "--work", stored).output
+
+
+def test_a_library_is_read_as_what_it_is(stored, graph, references):
+    motion_graph.save(stored / "graphs/clip.npz", graph, load_config())
+    assert isinstance(load_library(stored / "graphs/clip.npz"), motion_graph.MotionGraph)
+    assert isinstance(load_library(stored / "graphs/both.npz"), database_module.GestureDatabase)
+    part = stored / "part.npz"
+    np.savez(part, **extract(references[0], GESTURES).arrays())
+    for path, words in ((part, "not a gesture database"), (stored / "none.npz", "has not been built")):
+        with pytest.raises(DataError, match=words):
+            load_library(path)
+    (stored / "damaged.npz").write_bytes(b"PK")
+    with pytest.raises(DataError, match="damaged"):
+        load_library(stored / "damaged.npz")
+    result = run(part)
+    assert result.exit_code == 1 and len(result.output.splitlines()) == 1

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from gesturegen import keynodes
 from gesturegen.config import Features
-from gesturegen.keynodes import KeyNodes, of_references, of_speech
+from gesturegen.keynodes import KeyNodes, of_reference, of_speech
 from tests import naive, tiny
 
 THREE = Features(l_feat=3, w_full=(1.0, 0.5, 0.5))
@@ -24,18 +24,18 @@ def still(frames):
 
 def test_keyword_goes_over_onset_and_onset_over_break():
     reference = tiny.reference(still(10), onsets=[2, 4, 9], words=[("hi", 4, 6), ("one", 6, 7)], segment_starts=[0, 7])
-    assert rows(of_references([reference], tiny.WORDS)) == [
+    assert rows(of_reference(reference, tiny.WORDS)) == [
         (2, "onset", ""), (4, "keyword", "greeting"), (6, "keyword", "counting"), (9, "onset", ""),
     ]  # fmt: skip
 
 
 def test_every_segment_ends_in_a_break():
     reference = tiny.reference(still(10), segment_starts=[0, 3, 4])
-    assert rows(of_references([reference], tiny.WORDS)) == [(2, "break", ""), (3, "break", ""), (9, "break", "")]
+    assert rows(of_reference(reference, tiny.WORDS)) == [(2, "break", ""), (3, "break", ""), (9, "break", "")]
 
 
 def test_a_reference_of_one_frame_has_a_break():
-    assert rows(of_references([tiny.reference(still(1))], tiny.WORDS)) == [(0, "break", "")]
+    assert rows(of_reference(tiny.reference(still(1)), tiny.WORDS)) == [(0, "break", "")]
 
 
 def test_a_run_of_one_keyword_marks_its_first_frame():
@@ -62,17 +62,9 @@ def test_excluded_frames_lose_their_key_nodes_and_shift_the_rest():
     kept = [*range(5), *range(10, 15)]
     words = [("hi", 7, 9), ("one", 13, 14)]
     reference = tiny.reference(still(10), [2, 5, 9, 10, 12], words, segment_starts=[0, 5], source_frames=kept)
-    assert rows(of_references([reference], tiny.WORDS)) == [
+    assert rows(of_reference(reference, tiny.WORDS)) == [
         (2, "onset", ""), (4, "break", ""), (5, "onset", ""), (7, "onset", ""), (8, "keyword", "counting"),
         (9, "break", ""),
-    ]  # fmt: skip
-
-
-def test_several_clips_are_numbered_one_after_the_other():
-    first = tiny.reference(still(6), onsets=[1], name="a")
-    second = tiny.reference(still(4), onsets=[0], words=[("one", 2, 3)], name="b")
-    assert rows(of_references([first, second], tiny.WORDS)) == [
-        (1, "onset", ""), (5, "break", ""), (6, "onset", ""), (8, "keyword", "counting"), (9, "break", ""),
     ]  # fmt: skip
 
 

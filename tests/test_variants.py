@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -130,12 +131,17 @@ def test_the_share_of_new_frames():
     described = {name: getattr(graph, name) for name in graph.__dataclass_fields__}
     # Two clips of 40 frames, the second of which was cut: its node 60 is frame 120 of its recording.
     frames = np.concatenate([np.arange(40), np.arange(20), np.arange(120, 140)])
-    graph = type(graph)(**{**described, "clip_starts": np.array([0, 40]), "source_frames": frames})
+    graph = type(graph)(
+        **{**described, "clip_names": ("a", "b"), "clip_starts": np.array([0, 40]), "source_frames": frames}
+    )
     shown = np.array([0, 0, 39, 59, 20])
     first = np.array([15, 16, 40, 60, 20])  # near, away, another clip (though 39 frames on), away by the cut, same
     assert share_of_new_frames(shown, [first], graph) == 3 / 5
     assert share_of_new_frames(shown, [first, np.array([0, 0, 0, 59, 0])], graph) == 1 / 5
     assert share_of_new_frames(shown, [shown], graph) == 0
+    # A mirrored copy has its recording's name: it shows nothing new.
+    mirror = type(graph)(**{**described, "clip_names": ("a", "a"), "source_frames": np.tile(np.arange(40), 2)})
+    assert share_of_new_frames(shown, [(shown + 40) % 80], replace(mirror, clip_starts=np.array([0, 40]))) == 0
 
 
 def test_a_variant_that_shows_nothing_new_is_a_warning(tmp_path):

@@ -12,7 +12,7 @@ import numpy as np
 
 from gesturegen import evaluation
 from gesturegen.config import Config
-from gesturegen.graph.motion_graph import MotionGraph
+from gesturegen.graph.reference_frames import ReferenceFrames
 from gesturegen.metrics import beats, diversity
 
 REACH = 8
@@ -25,7 +25,7 @@ KEYS = (
 
 
 def measure(
-    generated: evaluation.Joints, truth: evaluation.Joints | None, trace: Mapping, graph: MotionGraph,
+    generated: evaluation.Joints, truth: evaluation.Joints | None, trace: Mapping, graph: ReferenceFrames,
     onset_times: np.ndarray, config: Config,
 ) -> dict[str, float]:  # fmt: skip
     """The figures of `KEYS` for one clip; NaN where the clip has no evidence for one."""

@@ -23,7 +23,7 @@ def table(setups: Mapping[str, Config], result: Result) -> dict:
     groups: dict[str, list[str]] = {}
     for name, config in setups.items():
         groups.setdefault(_but_for_length(config), []).append(name)
-    searches = [setups[names[0]].search for names in groups.values()]
+    searches = [setups[names[0]].search_name for names in groups.values()]
     lines = {}
     for search, names in zip(searches, groups.values(), strict=True):
         points = [_point(name, setups[name], [row for row in result.clips if row["setup"] == name]) for name in names]

@@ -10,7 +10,7 @@ import numpy as np
 
 from gesturegen.ablation import causes
 from gesturegen.evaluation import Measure
-from gesturegen.graph.motion_graph import MotionGraph
+from gesturegen.graph.reference_frames import ReferenceFrames
 from gesturegen.metrics.usage import training_utilisation
 
 NAN = float("nan")
@@ -33,6 +33,8 @@ FIGURES = (
     Measure("key_node_share", "key nodes met ↑", SEAMS_BLOCK),
     Measure("reference_share", "reference used ↑", SEAMS_BLOCK),
     Measure("max_uses", "max uses ↓", SEAMS_BLOCK),
+    Measure("rhythm", "rhythm agreement ↑", SEAMS_BLOCK),
+    Measure("rhythm_by_chance", "by chance", SEAMS_BLOCK),
     Measure("pause_share", "pauses from pauses ↑", SEAMS_BLOCK),
     Measure("pause_speed_ratio", "wrists in pauses / reference's", SEAMS_BLOCK),
     Measure("objective", "objective ↓", SEAMS_BLOCK),
@@ -43,6 +45,9 @@ FIGURES = (
     Measure("fallback_repeat", "repeat", BEHIND_BLOCK),
     Measure("fallback_hold", "hold", BEHIND_BLOCK),
     Measure("fallback_end", "end", BEHIND_BLOCK),
+    Measure("fallback_kind", "rest for gesture", BEHIND_BLOCK),
+    Measure("fallback_edge", "no edge", BEHIND_BLOCK),
+    Measure("fallback_scale", "out of time scale", BEHIND_BLOCK),
     Measure("retries", "retries", BEHIND_BLOCK),
     Measure("pieces", "pieces", BEHIND_BLOCK),
     Measure("natural_joins", "natural joins", BEHIND_BLOCK),
@@ -59,7 +64,7 @@ FIGURES = (
 )
 # The one figure that no second run repeats.
 MEASURED_TIME = "search_seconds"
-FALLBACKS = ("keyword", "discard", "repeat", "hold", "end")
+FALLBACKS = ("keyword", "discard", "repeat", "hold", "end", "kind", "edge", "scale")
 # Sums and maxima over the clips of a run; the others are means over its clips that have an output.
 _SUMS = {"failure", *(f"fallback_{kind}" for kind in FALLBACKS), "retries", "pieces", "natural_joins"}
 _MAXIMA = {"max_uses"}
@@ -98,7 +103,7 @@ class Result:
     clips: list[dict] = field(default_factory=list)
 
 
-def clip_row(trace: Mapping, graph: MotionGraph, measured: Mapping[str, float] | None) -> dict:
+def clip_row(trace: Mapping, graph: ReferenceFrames, measured: Mapping[str, float] | None) -> dict:
     """The figures of one clip of a run.
 
     measured : of its motion, by `evaluation.measure_clip` and `causes.measure`, the `objective` of its path and the
@@ -112,7 +117,7 @@ def clip_row(trace: Mapping, graph: MotionGraph, measured: Mapping[str, float] |
         "graph": trace["graph"],
         "failure": int(measured is None),
         "stuck_at": trace["failure"],
-        "unnatural_edges": int(np.count_nonzero(~graph.natural)),
+        "unnatural_edges": graph.n_unnatural_edges,
         "seconds": trace["n_frames"] / trace["fps"],
         "reference_seconds": graph.n_nodes / graph.fps,
     }

@@ -14,7 +14,7 @@ from gesturegen.clips import Reference, check_settings
 from gesturegen.config import Config, Continuity
 from gesturegen.errors import DataError
 from gesturegen.graph import continuity, neighbours, pruning
-from gesturegen.graph.reference_frames import ReferenceFrames, describe, positions_of
+from gesturegen.graph.reference_frames import ReferenceFrames, describe, join, positions_of, require_one_skeleton
 from gesturegen.keynodes import KeyNodes
 
 FORMAT_VERSION = 2
@@ -53,6 +53,10 @@ class MotionGraph(ReferenceFrames):
         ):
             raise ValueError("the edges of the graph do not fit its nodes")
 
+    @property
+    def n_unnatural_edges(self) -> int:
+        return int(np.count_nonzero(~self.natural))
+
     @cached_property
     def poses(self) -> np.ndarray:
         """Flattened positions, float64 `[shape=(N, J * 3)]`."""
@@ -72,7 +76,8 @@ def build(references: Sequence[Reference], config: Config, block_pairs: int | No
 
     Raises DataError when the skeletons differ.
     """
-    described = describe(references, config)
+    require_one_skeleton(references)
+    described = join([describe(reference, config) for reference in references])
     positions = np.concatenate([positions_of(reference.motion, config) for reference in references])
     return from_positions(positions, settings=config.continuity, block_pairs=block_pairs, **described)
 

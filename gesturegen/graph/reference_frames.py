@@ -12,7 +12,7 @@ from gesturegen.clips import Reference, select_joints
 from gesturegen.config import Config, Continuity
 from gesturegen.errors import DataError
 from gesturegen.graph import continuity
-from gesturegen.keynodes import KeyNodes, of_references, reference_speaking
+from gesturegen.keynodes import KeyNodes, of_reference, reference_speaking
 from gesturegen.motion import kinematics
 from gesturegen.motion.skeleton import Motion, Skeleton, read_only
 
@@ -120,20 +120,37 @@ def positions_of(motion: Motion, config: Config) -> np.ndarray:
     return (found * config.positions.scale).astype(np.float32)
 
 
-def describe(references: Sequence[Reference], config: Config) -> dict:
-    """The fields of `ReferenceFrames` for references of one skeleton, but for their positions."""
-    skeleton = require_one_skeleton(references)
+def describe(reference: Reference, config: Config) -> dict:
+    """The fields of `ReferenceFrames`, but for positions, of one reference."""
+    skeleton = reference.motion.skeleton
     joints, _ = select_joints(skeleton, config)
-    clip_starts = np.cumsum([0, *(r.motion.n_frames for r in references[:-1])])
     return {
         "joint_names": tuple(skeleton.names[j] for j in joints),
-        "fps": references[0].motion.fps,
-        "clip_names": tuple(r.name for r in references),
-        "clip_starts": clip_starts,
-        "source_frames": np.concatenate([r.source_frames for r in references]),
-        "segment_starts": np.concatenate(
-            [r.segment_starts + start for r, start in zip(references, clip_starts, strict=True)]
+        "fps": reference.motion.fps,
+        "clip_names": (reference.name,),
+        "clip_starts": np.array([0]),
+        "source_frames": reference.source_frames,
+        "segment_starts": reference.segment_starts,
+        "key_nodes": of_reference(reference, config.keywords.words),
+        "speaking": reference_speaking(reference, config.pauses),
+    }
+
+
+def join(described: Sequence[dict]) -> dict:
+    """What `describe` says of several references of one skeleton, one after the other."""
+    lengths = [len(one["source_frames"]) for one in described]
+    first_nodes = np.cumsum([0, *lengths[:-1]])
+    nodes = [one["key_nodes"] for one in described]
+    return described[0] | {
+        "clip_names": tuple(name for one in described for name in one["clip_names"]),
+        **{
+            name: np.concatenate([one[name] + first for one, first in zip(described, first_nodes, strict=True)])
+            for name in ("clip_starts", "segment_starts")
+        },
+        **{name: np.concatenate([one[name] for one in described]) for name in ("source_frames", "speaking")},
+        "key_nodes": KeyNodes(
+            np.concatenate([own.frames + first for own, first in zip(nodes, first_nodes, strict=True)]),
+            np.concatenate([own.kinds for own in nodes]),
+            np.concatenate([own.keywords for own in nodes]),
         ),
-        "key_nodes": of_references(references, config.keywords.words),
-        "speaking": np.concatenate([reference_speaking(r, config.pauses) for r in references]),
     }

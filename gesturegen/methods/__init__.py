@@ -1,5 +1,31 @@
-"""Methods choose frames: a module with `build(references, config)` and `search(library, speech, config, rng, earlier)`."""
+"""Methods choose frames: modules with `build(references, config)` and `search(library, speech, config, rng, earlier)`.
 
-from gesturegen.methods import motion_graph
+A library is stored by `save(path, library, config, digests)` and read by `load(path, config, digests)`; it depends on
+the references and on the settings in `SETTINGS`.
+"""
 
-METHODS = {"motion_graph": motion_graph}
+from pathlib import Path
+
+from gesturegen import files
+from gesturegen.errors import DataError
+from gesturegen.gestures.database import GestureDatabase
+from gesturegen.graph.motion_graph import MotionGraph
+from gesturegen.methods import gesture_master, motion_graph
+
+METHODS = {"motion_graph": motion_graph, "gesture_master": gesture_master}
+# An array that tells the library of a method from that of another, and one that tells it from a part of one.
+_MARKS = {"indptr": motion_graph, "rhythms": gesture_master}
+_WHOLE = "format_version"
+
+
+def load_library(path: str | Path) -> MotionGraph | GestureDatabase:
+    """Read a stored library, whichever method it is of; DataError when it is missing, damaged or none."""
+    if not Path(path).is_file():
+        raise DataError(f"{path}: this graph has not been built; run `gesturegen build-graph` first")
+    found = files.read_arrays(path, only={*_MARKS, _WHOLE})
+    for mark, method in _MARKS.items():
+        if mark in found and _WHOLE in found:
+            return method.load(path)
+    raise DataError(
+        f"{path}: a clip or other arrays, not a graph and not a gesture database; both are in the folder `graphs`"
+    )

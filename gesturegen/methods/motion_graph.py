@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from gesturegen import keynodes
 from gesturegen.clips import Speech
 from gesturegen.config import Config
-from gesturegen.graph.motion_graph import MotionGraph, build
+from gesturegen.graph.motion_graph import SETTINGS, MotionGraph, build, load, save
 from gesturegen.search import beam, global_search
 from gesturegen.search.fallback import StopNodes
 from gesturegen.search.path import Path, Piece, Target, Track
 from gesturegen.search.start_nodes import StartNodes, feature_distances, graph_features
 from gesturegen.search.termination import targets
 
-__all__ = ["build", "search"]
+__all__ = ["SETTINGS", "build", "load", "save", "search"]
 
 
 def search(
@@ -27,6 +28,26 @@ def search(
     earlier : other variants of this clip: the global search prices what they show, the beam search counts their
     key nodes as used
     """
+    path = _search(graph, speech, config, rng, earlier)
+    return replace(path, notes=_notes(path, graph, speech, config))
+
+
+def _notes(path: Path, graph: MotionGraph, speech: Speech, config: Config) -> tuple[str, ...]:
+    """What a user should know of a clip beyond its figures."""
+    notes, pieces = [], path.tracks[0].pieces
+    wanted = keynodes.of_speech(speech, config.keywords.words).keywords
+    lacking = sorted(set(wanted.tolist()) - set(graph.key_nodes.keywords.tolist()))
+    if lacking and config.termination.fallbacks:
+        notes.append(f"keywords that its references lack, so those pieces end at onsets: {', '.join(lacking)}")
+    repeats = sum(piece.fallback == "repeat" for piece in pieces)
+    if repeats:
+        notes.append(f"{repeats} of {len(pieces)} pieces hold one pose, because no path fits; give longer references")
+    return tuple(notes)
+
+
+def _search(
+    graph: MotionGraph, speech: Speech, config: Config, rng: np.random.Generator, earlier: Sequence[Path]
+) -> Path:
     key_nodes = keynodes.of_speech(speech, config.keywords.words)
     cuts = targets(key_nodes, speech.n_frames)
     if config.search == "global":

@@ -87,7 +87,7 @@ def seam_jerk(
     Raises ValueError when shapes or frame numbers do not fit.
     """
     positions = np.asarray(positions, dtype=np.float64)
-    source_positions = np.asarray(source_positions, dtype=np.float64)
+    source_positions = np.asarray(source_positions)
     source_frames = np.asarray(source_frames, dtype=np.int64)
     if source_frames.shape != positions.shape[:1]:
         raise ValueError(f"source_frames has shape {source_frames.shape}, expected {positions.shape[:1]}")
@@ -95,7 +95,7 @@ def seam_jerk(
         raise ValueError(f"source_frames must lie in 0 to {len(source_positions) - 1}")
     if joints is not None:
         joints = np.asarray(joints, dtype=np.int64)
-        positions, source_positions = positions[:, joints], source_positions[:, joints]
+        positions = positions[:, joints]
 
     near = _near_seams(len(positions), seam_frames, radius)
     near = near[(near >= FRAMES_BEFORE) & (near < len(positions) - FRAMES_AFTER)]
@@ -104,7 +104,7 @@ def seam_jerk(
     if not len(near) or not positions.shape[1]:
         return SeamJerk(float("nan"), float("nan"), float("nan"), 0)
     generated = float(_jerks_at(positions, near).mean()) * fps**3
-    source = float(_jerks_at(source_positions, sources).mean()) * fps**3
+    source = float(_jerks_at(source_positions, sources, joints).mean()) * fps**3
     return SeamJerk(generated / source if source > 0 else float("nan"), generated, source, len(near))
 
 
@@ -151,7 +151,11 @@ def _inside_segment(frames: np.ndarray, n_frames: int, segment_starts: Sequence[
     return np.where(first <= last, np.clip(frames, first, np.maximum(first, last)), -1)
 
 
-def _jerks_at(positions: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Norms of the third difference around each of `frames`, float64 [shape=(F, J)], cm per frame^3."""
-    a, b, c, d = (positions[frames + shift] for shift in range(-FRAMES_BEFORE, FRAMES_AFTER + 1))
+def _jerks_at(positions: np.ndarray, frames: np.ndarray, joints: np.ndarray | None = None) -> np.ndarray:
+    """Norms of the third difference around each of `frames`, float64 [shape=(F, J)], cm per frame^3.
+
+    Only these frames are looked at: a reference can be as large as the memory.
+    """
+    around = [positions[frames + shift].astype(np.float64) for shift in range(-FRAMES_BEFORE, FRAMES_AFTER + 1)]
+    a, b, c, d = around if joints is None else (part[:, joints] for part in around)
     return np.linalg.norm((d - a) - 3.0 * (c - b), axis=-1)

@@ -15,21 +15,23 @@ from gesturegen.ablation.plan import Plan, seeded
 from gesturegen.config import Config, Evaluation
 from gesturegen.errors import DataError
 from gesturegen.extras import need
-from gesturegen.graph import motion_graph
+from gesturegen.graph.motion_graph import MotionGraph
+from gesturegen.graph.reference_frames import ReferenceFrames
 from gesturegen.methods import METHODS
 from gesturegen.parallel import for_each
+from gesturegen.pipeline.build_graph import Library, build_libraries
 from gesturegen.pipeline.common import (
     Summary,
     chosen_references,
     clip_path,
     digests,
     graph_name,
-    load_references,
     read_index,
     require_writable,
+    shown_from,
     work_path,
 )
-from gesturegen.pipeline.evaluate import locate_file, read_onset_times, reference_skate, require_same_joints
+from gesturegen.pipeline.evaluate import locate_file, read_heard, reference_skate, require_same_joints
 from gesturegen.pipeline.memory import require_memory_for
 from gesturegen.randomness import generator
 from gesturegen.search import objective
@@ -79,7 +81,7 @@ def shared_graphs(plan: Plan, chosen: _Chosen) -> dict[tuple[str, tuple[str, ...
     for (setup, _), tests in chosen.items():
         config = plan.setups[setup]
         for names in tests.values():
-            made_of = config.method, config.section_json(*motion_graph.SETTINGS), names
+            made_of = config.method, config.section_json(*METHODS[config.method].SETTINGS), names
             groups[setup, names] = owners.setdefault(made_of, setup)
     return groups
 
@@ -87,14 +89,12 @@ def shared_graphs(plan: Plan, chosen: _Chosen) -> dict[tuple[str, tuple[str, ...
 def _build_graphs(
     plan: Plan, groups: dict[tuple[str, tuple[str, ...]], str], jobs: int, quiet: bool, keep: bool
 ) -> Summary:
-    tasks = {
-        f"{owner}, {_graph_path(plan.setups[owner], owner, names).stem}": partial(
-            _build_graph, owner, names, plan.setups[owner]
-        )
-        for (setup, names), owner in groups.items()
-        if setup == owner
-    }
-    summary = Summary(for_each(tasks, jobs, "ablate: graphs", quiet))
+    libraries = {}
+    for (setup, names), owner in groups.items():
+        if setup == owner:
+            path = _graph_path(plan.setups[owner], owner, names)
+            libraries[f"{owner}, {path.stem}"] = Library(plan.setups[owner], names, path)
+    summary = Summary(build_libraries(libraries, jobs, "ablate: graphs", quiet))
     if keep and not summary.outcome.failed:
         for (setup, names), owner in groups.items():
             if setup != owner:
@@ -105,12 +105,7 @@ def _build_graphs(
 
 
 def _graph_path(config: Config, setup: str, names: Sequence[str]) -> Path:
-    return work_path(config, "ablation", setup, "graphs", f"{graph_name(names, config.references.seconds)}.npz")
-
-
-def _build_graph(setup: str, names: tuple[str, ...], config: Config) -> None:
-    graph = METHODS[config.method].build(load_references(config, names), config)
-    motion_graph.save(_graph_path(config, setup, names), graph, config, digests(config, names))
+    return work_path(config, "ablation", setup, "graphs", f"{graph_name(config, names)}.npz")
 
 
 def _run_all(plan: Plan, chosen: _Chosen, groups: dict, index: dict, jobs: int, quiet: bool, keep: bool) -> Summary:
@@ -140,9 +135,9 @@ def _run_all(plan: Plan, chosen: _Chosen, groups: dict, index: dict, jobs: int, 
 
 
 @lru_cache(maxsize=1)
-def _references(config_json: str, names: tuple[str, ...], _digests: tuple[str, ...]) -> list[clips.Reference]:
+def _references(config_json: str, names: tuple[str, ...], _digests: tuple[str, ...]) -> Sequence[clips.Reference]:
     """A worker keeps the last ones: the setups follow one another on the same references."""
-    return load_references(Config.model_validate_json(config_json), names)
+    return shown_from(Config.model_validate_json(config_json), names)
 
 
 @lru_cache(maxsize=1)
@@ -155,9 +150,10 @@ def _run_clip(
     keep: bool,
 ) -> dict:  # fmt: skip
     # Loaded anew for every clip, so that the measured time holds all that a search prepares of its graph.
-    graph = motion_graph.load(_graph_path(config, owner, names), config)
+    graph = METHODS[config.method].load(_graph_path(config, owner, names), config)
     # The base's serve all setups: rendering takes their motion alone, and the onsets are in the graph.
-    shared = base.model_copy(update={"references": config.references})
+    own = {"references": config.references, "method": config.method, "gesture_master": config.gesture_master}
+    shared = base.model_copy(update=own)
     references = _references(shared.model_dump_json(by_alias=True), names, digests(base, names))
     speech = clips.load(clip_path(config, test), config, with_motion=False).test_speech(config)
     key_nodes = keynodes.of_speech(speech, config.keywords.words)
@@ -165,8 +161,7 @@ def _run_clip(
     started = time.perf_counter()
     path = METHODS[config.method].search(graph, speech, config, generator(config.seed, test))
     search_seconds = time.perf_counter() - started
-    name = graph_name(names, config.references.seconds)
-    trace = submission.make_trace(path, graph, name, speech, key_nodes, config)
+    trace = submission.make_trace(path, graph, graph_name(config, names), speech, key_nodes, config)
     motion = render.render(path, references, graph, config) if path.failure is None else None
     if keep:
         kept = work_path(config, "ablation", setup, str(config.seed))
@@ -174,10 +169,12 @@ def _run_clip(
     measured = None
     if motion is not None:
         measured = _measure(motion, trace, graph, test, base, truth_path)
-        # By the base's prices and pauses whatever the setup searches by: one ruler.
-        prices = objective.PriceList(graph, base.global_search, base.continuity)
-        speaking = keynodes.speaking(speech, base.pauses)
-        measured["objective"] = objective.total(path.tracks[0].pieces, prices, speaking)["total"]
+        measured["objective"] = evaluation.NAN
+        if isinstance(graph, MotionGraph):
+            # By the base's prices and pauses whatever the setup searches by: one ruler.
+            prices = objective.PriceList(graph, base.global_search, base.continuity)
+            speaking = keynodes.speaking(speech, base.pauses)
+            measured["objective"] = objective.total(path.tracks[0].pieces, prices, speaking)["total"]
         measured["search_seconds"] = round(search_seconds, 4)
     about = {"setup": setup, "seed": config.seed, "clip": test}
     return about | summary.clip_row(trace, graph, measured)
@@ -186,9 +183,9 @@ def _run_clip(
 _warm: set[tuple] = set()
 
 
-def _warm_up(graph: motion_graph.MotionGraph, speech: clips.Speech, config: Config) -> None:
+def _warm_up(graph: ReferenceFrames, speech: clips.Speech, config: Config) -> None:
     """Once per worker, search two seconds of a speech untimed: the first call of a loop compiles it."""
-    kind = config.method, config.search, config.initialization
+    kind = config.method, config.search_name, config.initialization
     if kind not in _warm:
         short = replace(speech, n_frames=min(speech.n_frames, round(2 * speech.fps)))
         METHODS[config.method].search(replace(graph), short, config, generator(config.seed, "warm-up"))
@@ -201,13 +198,13 @@ def _measure(motion, trace: dict, graph, test: str, base: Config, truth_path: st
     truth = None
     if truth_path is not None:
         truth = _truth(truth_path, files.sha256(truth_path), ruler.model_dump_json(by_alias=True))
-    onset_times = read_onset_times(clip_path(base, test), base)
+    heard = read_heard(clip_path(base, test), base)
     generated = evaluation.locate(motion, ruler)
     if truth is not None:
         require_same_joints(truth_path, truth, generated)
-    skate = reference_skate(base, graph.clip_names)
-    measured = evaluation.measure_clip(generated, ruler, onset_times, truth, trace, graph, skate)
-    return measured | causes.measure(generated, truth, trace, graph, onset_times, ruler)
+    skate = reference_skate(base, submission.shown_clips(trace))
+    measured = evaluation.measure_clip(generated, ruler, heard, truth, trace, graph, skate)
+    return measured | causes.measure(generated, truth, trace, graph, heard.onset_times, ruler)
 
 
 def _summarize(plan: Plan, chosen: _Chosen, rows: list[dict], index: dict) -> summary.Result:

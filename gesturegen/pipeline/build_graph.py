@@ -1,16 +1,21 @@
-"""`build-graph`: clips to graphs (§4.1)."""
+"""`build-graph`: clips to the graphs or databases that methods search (§4.1)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
 from gesturegen.config import Config
-from gesturegen.graph import motion_graph
+from gesturegen.errors import DataError
+from gesturegen.gestures.database import GestureDatabase
+from gesturegen.graph.reference_frames import ReferenceFrames
 from gesturegen.methods import METHODS
-from gesturegen.parallel import for_each
+from gesturegen.parallel import Outcome, for_each
+from gesturegen.pipeline import build_database
 from gesturegen.pipeline.common import (
     Summary,
     chosen_references,
@@ -25,6 +30,15 @@ from gesturegen.pipeline.common import (
 from gesturegen.pipeline.memory import require_memory
 
 
+@dataclass(frozen=True)
+class Library:
+    """What a method is to build: of which references, and where it goes."""
+
+    config: Config
+    names: tuple[str, ...]
+    path: Path
+
+
 def build_graphs(config: Config, jobs: int, quiet: bool, reuse: bool = False) -> Summary:
     """Build the graph of every group of references that a test clip is given (§4.1).
 
@@ -32,30 +46,55 @@ def build_graphs(config: Config, jobs: int, quiet: bool, reuse: bool = False) ->
     """
     index = read_index(config)
     chosen = chosen_references(config, index)
-    groups = {graph_name(names, config.references.seconds): names for names in chosen.values()}
+    groups = {graph_name(config, names): names for names in chosen.values()}
     # Searching needs more than building: better to hear of it now than after the graphs have been built.
     jobs, warnings = require_memory(config, chosen, index, jobs, tasks=len(groups))
     require_writable(work_path(config, "graphs"))
-    outcome = for_each(
-        {name: partial(_build_graph, names, config, reuse) for name, names in groups.items()},
-        jobs,
-        "build-graph",
-        quiet,
-    )
+    libraries = {name: Library(config, names, graph_path(config, name)) for name, names in groups.items()}
+    outcome = build_libraries(libraries, jobs, "build-graph", quiet, reuse)
     summary = Summary(outcome, warnings, written=[work_path(config, "graphs")])
-    summary.lines = [f"{name}: {line}" for name, line in outcome.done.items()]
+    for name, done in outcome.done.items():
+        summary.lines += [f"{name}: {line}" for line in done["lines"]]
+        summary.warnings += [(name, note) for note in done["notes"]]
     return summary
 
 
-def _build_graph(names: Sequence[str], config: Config, reuse: bool) -> str:
-    path = graph_path(config, graph_name(names, config.references.seconds))
-    clip_digests = digests(config, names)
-    graph = motion_graph.load_if_current(path, config, clip_digests) if reuse else None
-    if graph is None:
-        graph = METHODS[config.method].build(load_references(config, names), config)
-        motion_graph.save(path, graph, config, clip_digests)
-    kinds = ", ".join(f"{int(np.sum(graph.key_nodes.kinds == kind))} {kind}" for kind in ("onset", "keyword", "break"))
-    return (
-        f"{graph.n_nodes} nodes, {int(np.sum(graph.natural))} natural and {int(np.sum(~graph.natural))} unnatural edges, "
+def build_libraries(
+    libraries: Mapping[str, Library], jobs: int, label: str, quiet: bool, reuse: bool = False
+) -> Outcome:
+    """Build and store them all; the result of each is what to say of it: `lines` and `notes`."""
+    staged = {name: library for name, library in libraries.items() if library.config.method == "gesture_master"}
+    outcome = build_database.prepare(staged, jobs, label, quiet, reuse)
+    tasks = {name: partial(_build, library, reuse) for name, library in libraries.items() if name not in outcome.errors}
+    built = for_each(tasks, jobs, label, quiet)
+    errors = dict(sorted({**built.errors, **outcome.errors}.items()))
+    return Outcome(built.done, errors, dict(sorted({**built.bugs, **outcome.bugs}.items())))
+
+
+def _build(library: Library, reuse: bool) -> dict:
+    config, method = library.config, METHODS[library.config.method]
+    clip_digests = digests(config, library.names)
+    if reuse:
+        try:
+            return _describe(method.load(library.path, config, clip_digests), config)
+        except DataError:
+            pass
+    if config.method == "gesture_master":
+        found = build_database.assemble(config, library.names, library.path)
+    else:
+        found = method.build(load_references(config, library.names), config)
+    method.save(library.path, found, config, clip_digests)
+    if config.method == "gesture_master":
+        build_database.forget_blocks(library.path)
+    return _describe(found, config)
+
+
+def _describe(found: ReferenceFrames, config: Config) -> dict:
+    if isinstance(found, GestureDatabase):
+        return build_database.describe(found, config)
+    kinds = ", ".join(f"{int(np.sum(found.key_nodes.kinds == kind))} {kind}" for kind in ("onset", "keyword", "break"))
+    line = (
+        f"{found.n_nodes} nodes, {int(np.sum(found.natural))} natural and {int(np.sum(~found.natural))} unnatural edges, "
         f"key nodes: {kinds}"
     )
+    return {"lines": [line], "notes": []}

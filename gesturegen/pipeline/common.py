@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ import numpy as np
 from gesturegen import clips, files, recordings
 from gesturegen.config import Config
 from gesturegen.errors import DataError
+from gesturegen.gestures import extraction
 from gesturegen.parallel import Outcome
 
 INDEX_VERSION = 1
@@ -41,10 +42,12 @@ def graph_path(config: Config, name: str) -> Path:
     return work_path(config, "graphs", f"{name}.npz")
 
 
-def graph_name(names: Sequence[str], seconds: float | None = None) -> str:
-    """The name of the graph of one clip or of several; seconds : `references.seconds`, at which they are cut."""
+def graph_name(config: Config, names: Sequence[str]) -> str:
+    """The name of what a method builds of one reference clip or of several."""
     name = names[0] if len(names) == 1 else "multi-" + hashlib.sha256("\n".join(names).encode()).hexdigest()[:12]
-    return name if seconds is None else f"{name}-{seconds:g}s"
+    seconds = config.references.seconds
+    name = name if seconds is None else f"{name}-{seconds:g}s"
+    return f"{name}-gestures" if config.method == "gesture_master" else name
 
 
 def require_writable(folder: Path) -> None:
@@ -86,16 +89,48 @@ def chosen_references(config: Config, index: dict) -> dict[str, tuple[str, ...]]
 
 def load_references(config: Config, names: Sequence[str]) -> list[clips.Reference]:
     """Stored clips as references, in the order of their names here; cut where `references.seconds` are over."""
-    loaded, limit = [], config.references.seconds
-    left = math.inf if limit is None else round(limit * config.fps)
+    return [load_reference(config, name, limit) for name, limit in zip(names, limits(config, names), strict=True)]
+
+
+def load_reference(config: Config, name: str, limit: int | None = None) -> clips.Reference:
+    """A stored clip as a reference, of at most `limit` frames."""
+    reference = clips.load(clip_path(config, name), config).reference(config)
+    return reference if limit is None or reference.motion.n_frames <= limit else _cut(reference, limit)
+
+
+def limits(config: Config, names: Sequence[str]) -> list[int | None]:
+    """How many frames of each stored clip are used: None for all of them."""
+    if config.references.seconds is None:
+        return [None] * len(names)
+    found, left = [], round(config.references.seconds * config.fps)
     for name in names:
-        reference = clips.load(clip_path(config, name), config).reference(config)
-        if reference.motion.n_frames > left:
-            # A clip whose motion is longer than its sound may leave nothing for the next, which has been chosen.
-            reference = _cut(reference, max(left, 1))
-        left -= reference.motion.n_frames
-        loaded.append(reference)
-    return loaded
+        # A clip whose motion is longer than its sound may leave nothing for the next, which has been chosen.
+        found.append(max(left, 1))
+        left -= len(files.read_arrays(clip_path(config, name), only=("source_frames",))["source_frames"])
+    return found
+
+
+class StoredReferences(Sequence):
+    """References that are read when they are looked at, and not kept; with mirrored copies after the recordings."""
+
+    def __init__(self, config: Config, names: Sequence[str]):
+        self.config, self.names = config, tuple(names)
+        self.limits = limits(config, names)
+
+    def __len__(self) -> int:
+        return len(self.names) * (2 if self.config.gesture_master.mirror else 1)
+
+    def __getitem__(self, number: int) -> clips.Reference:
+        if not 0 <= number < len(self):
+            raise IndexError(number)
+        copy, own = divmod(number, len(self.names))
+        reference = load_reference(self.config, self.names[own], self.limits[own])
+        return extraction.mirrored(reference, self.config) if copy else reference
+
+
+def shown_from(config: Config, names: Sequence[str]) -> Sequence[clips.Reference]:
+    """The reference clips of a graph, for rendering what it shows of them."""
+    return StoredReferences(config, names) if config.method == "gesture_master" else load_references(config, names)
 
 
 def _cut(reference: clips.Reference, n_frames: int) -> clips.Reference:
@@ -111,4 +146,21 @@ def _cut(reference: clips.Reference, n_frames: int) -> clips.Reference:
 
 def digests(config: Config, names: Sequence[str]) -> tuple[str, ...]:
     """What the stored clips hold, so that a graph knows when they changed."""
-    return tuple(files.sha256(clip_path(config, name)) for name in names)
+    return tuple(stored_digest(clip_path(config, name)) for name in names)
+
+
+def stored_digest(path: Path) -> str:
+    """The hash of a stored file; DataError where there is none.
+
+    A worker hashes each state of a file once: with large references that takes longer than a search.
+    """
+    try:
+        state = path.stat()
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror}); run the command that writes it") from None
+    return _digest(str(path), state.st_ino, state.st_mtime_ns, state.st_size)
+
+
+@cache
+def _digest(path: str, *_state: int) -> str:
+    return files.sha256(path)

@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gesturegen import __version__, clips, evaluation, files, tables
+from gesturegen import __version__, clips, evaluation, files, submission, tables
 from gesturegen.config import Config
 from gesturegen.errors import DataError
-from gesturegen.graph import motion_graph
+from gesturegen.gestures.extraction import spoken
+from gesturegen.methods import METHODS
 from gesturegen.metrics.feet import FootSkate
 from gesturegen.metrics.usage import training_utilisation
 from gesturegen.motion import bvh, cleanup
@@ -173,10 +174,10 @@ def _measure(evidence: _Evidence, config: Config) -> dict:
     if evidence.trace is not None:
         trace = files.read_json(evidence.trace)
         references = [reference["clip"] for reference in trace["references"]]
-        graph = motion_graph.load(graph_path(config, trace["graph"]))
-        skate = reference_skate(config, references)
-    onset_times = read_onset_times(evidence.audio, config)
-    row = evaluation.measure_clip(generated, config, onset_times, truth, trace, graph, skate)
+        graph = METHODS[trace["method"]].load(graph_path(config, trace["graph"]))
+        skate = reference_skate(config, submission.shown_clips(trace))
+    heard = read_heard(evidence.audio, config)
+    row = evaluation.measure_clip(generated, config, heard, truth, trace, graph, skate)
     return {"row": row, "generated": generated, "truth": truth, "references": references}
 
 
@@ -211,15 +212,16 @@ def _clip_skate(path: str, _digest: str, settings: str) -> tuple[FootSkate, int]
     return evaluation.foot_skate(evaluation.locate(motion, config)), motion.n_frames
 
 
-def read_onset_times(path: Path | None, config: Config) -> np.ndarray | None:
-    """The audio onsets, in seconds, of a stored clip or of an audio file."""
+def read_heard(path: Path | None, config: Config) -> evaluation.Heard | None:
+    """What is known of the speech of a stored clip or of an audio file."""
     if path is None:
         return None
     if path.suffix == ".npz":
-        return clips.load(path, config, with_motion=False).test_speech(config).onset_times
+        speech = clips.load(path, config, with_motion=False).test_speech(config)
+        return evaluation.Heard(speech.onset_times, spoken(speech.words, speech.onset_times))
     samples, rate = audio.read_samples(path)
     peaks = audio.detect_onset_peaks(samples, rate, config.onsets)
-    return peaks.select(config.onsets.min_strength, config.onsets.muted_max_share)
+    return evaluation.Heard(peaks.select(config.onsets.min_strength, config.onsets.muted_max_share))
 
 
 def _add_utilisation(rows: dict, total: dict, references: dict[str, list[str]], index: dict) -> None:

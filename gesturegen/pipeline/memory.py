@@ -13,6 +13,9 @@ from gesturegen.errors import DataError
 # with its libraries and compiled loops and the blocks of the comparison, and of each reference frame: the
 # recording, the graph, and what building it or searching it needs beside them.
 _PROCESS, _PER_FRAME = 350e6, 10_000
+# A gesture database stays on disk but for what is looked at; building one takes this much of a reference frame, its
+# mirrored copy included.
+_GESTURES_PER_FRAME = 2_500
 # The tables of the global search: for each frame of the speech and node one byte, or two where nodes have more
 # than 250 edges, which is not known before the graph is; and rows for each piece of the speech, five a second.
 _PER_FRAME_AND_NODE, _PER_PIECE_AND_NODE, _PIECES_PER_SECOND = 2.0, 24, 5
@@ -25,6 +28,8 @@ def estimate(reference_frames: int, test_frames: int, config: Config, kept_frame
 
     kept_frames : of another graph, which a worker holds until the next one has been read
     """
+    if config.method == "gesture_master":
+        return _PROCESS + _GESTURES_PER_FRAME * reference_frames
     need = _PROCESS + _PER_FRAME * (reference_frames + kept_frames)
     if config.search == "global":
         pieces = _PIECES_PER_SECOND * test_frames / config.fps
@@ -108,7 +113,7 @@ def require_memory_for(
 
 
 def _or_beam(runs: Sequence[tuple[Config, Mapping]]) -> str:
-    return ", or search: beam" if any(config.search == "global" for config, _ in runs) else ""
+    return ", or search: beam" if any(config.search_name == "global" for config, _ in runs) else ""
 
 
 def reference_frames(config: Config, names: Sequence[str], index: Mapping) -> int:

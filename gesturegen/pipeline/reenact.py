@@ -15,7 +15,7 @@ import numpy as np
 from gesturegen import __version__, clips, files, keynodes, render, submission
 from gesturegen.config import Config
 from gesturegen.errors import DataError
-from gesturegen.graph import motion_graph
+from gesturegen.graph.reference_frames import ReferenceFrames
 from gesturegen.methods import METHODS
 from gesturegen.motion.skeleton import Motion
 from gesturegen.parallel import for_each
@@ -26,9 +26,10 @@ from gesturegen.pipeline.common import (
     digests,
     graph_name,
     graph_path,
-    load_references,
     read_index,
     require_writable,
+    shown_from,
+    stored_digest,
     work_path,
 )
 from gesturegen.pipeline.memory import require_memory
@@ -82,18 +83,18 @@ def reenact(config: Config, jobs: int, quiet: bool, reuse: bool = False, variant
 @lru_cache(maxsize=1)
 def _library(
     config_json: str, names: tuple[str, ...], clip_digests: tuple[str, ...], _graph_digest: str
-) -> tuple[list[clips.Reference], motion_graph.MotionGraph]:
+) -> tuple[Sequence[clips.Reference], ReferenceFrames]:
     """References and graph; a worker keeps the last ones, since test clips often share them."""
     config = Config.model_validate_json(config_json)
-    graph = motion_graph.load(graph_path(config, graph_name(names, config.references.seconds)), config, clip_digests)
-    return load_references(config, names), graph
+    graph = METHODS[config.method].load(graph_path(config, graph_name(config, names)), config, clip_digests)
+    return shown_from(config, names), graph
 
 
 def _reenact_clip(test: str, names: tuple[str, ...], config: Config, reuse: bool, variants: int) -> list[dict]:
     """Write all variants of a clip, one after the other: each is searched in view of the earlier ones."""
-    stored_graph = graph_path(config, graph_name(names, config.references.seconds))
+    stored_graph = graph_path(config, graph_name(config, names))
     clip_digests = digests(config, names)
-    graph_digest = files.sha256(stored_graph) if stored_graph.is_file() else ""
+    graph_digest = stored_digest(stored_graph) if stored_graph.is_file() else ""
     made_of = (__version__, config.signature(), test, *clip_digests, graph_digest, *digests(config, [test]))
     inputs = [
         hashlib.sha256("\n".join((*made_of, f"variant {variant}")).encode()).hexdigest()
@@ -104,7 +105,7 @@ def _reenact_clip(test: str, names: tuple[str, ...], config: Config, reuse: bool
         return [{"row": submission.clip_row(trace), "notes": trace["notes"], "new": None}]
     references, graph = _library(config.model_dump_json(by_alias=True), names, clip_digests, graph_digest)
     results, shown = [], []
-    for trace, motion in islice(gestures(test, references, graph, config), variants):
+    for trace, motion in islice(gestures(test, names, references, graph, config), variants):
         variant = trace["variant"]
         submission.write_clip(_folder(config, variant), test, motion, {**trace, "inputs": inputs[variant - 1]})
         new = None
@@ -117,7 +118,7 @@ def _reenact_clip(test: str, names: tuple[str, ...], config: Config, reuse: bool
 
 
 def gestures(
-    test: str, references: Sequence[clips.Reference], graph: motion_graph.MotionGraph, config: Config
+    test: str, names: Sequence[str], references: Sequence[clips.Reference], graph: ReferenceFrames, config: Config
 ) -> Iterator[tuple[dict, Motion | None]]:
     """Traces and motions of one test clip, None where the search got stuck: each made to differ from those before."""
     speech = clips.load(clip_path(config, test), config, with_motion=False).test_speech(config)
@@ -128,20 +129,22 @@ def gestures(
         rng = generator(config.seed, _title(test, variant))
         path = METHODS[config.method].search(graph, speech, config, rng, [p for p in earlier if p.failure is None])
         earlier.append(path)
-        name = graph_name(graph.clip_names, config.references.seconds)
-        trace = submission.make_trace(path, graph, name, speech, key_nodes, config, variant)
+        trace = submission.make_trace(path, graph, graph_name(config, names), speech, key_nodes, config, variant)
         yield trace, render.render(path, references, graph, config) if path.failure is None else None
 
 
-def share_of_new_frames(nodes: np.ndarray, earlier: Sequence[np.ndarray], graph: motion_graph.MotionGraph) -> float:
+def share_of_new_frames(nodes: np.ndarray, earlier: Sequence[np.ndarray], graph: ReferenceFrames) -> float:
     """The share of frames that show another moment of the references than the same frames of each earlier variant.
 
     nodes : `[shape=(n_frames,)]`, shown; earlier : the same of other variants. Another moment is one of
     another clip, or over `ELSEWHERE_FRAMES` away in its recording.
     """
 
+    names = np.array(graph.clip_names)
+
     def place(shown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return np.searchsorted(graph.clip_starts, shown, side="right"), graph.source_frames[shown]
+        # By name: a mirrored copy shows the same moment.
+        return names[np.searchsorted(graph.clip_starts, shown, side="right") - 1], graph.source_frames[shown]
 
     clip, frame = place(nodes)
     new = np.ones(len(nodes), dtype=bool)

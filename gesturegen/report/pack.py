@@ -93,7 +93,10 @@ def pack_trace(trace: Mapping, source_frames: np.ndarray) -> dict:
         )
     starts = [reference["start_node"] for reference in trace["references"]]
     return {
-        "references": [reference["clip"] for reference in trace["references"]],
+        "references": [
+            reference["clip"] + (" (mirrored)" if reference.get("mirrored") else "")
+            for reference in trace["references"]
+        ],
         "reference": (np.searchsorted(starts, shown, side="right") - 1).tolist(),
         "source": source_frames[shown].tolist(),
         "pieces": [

@@ -315,9 +315,11 @@ function describe(frame) {
     const place = told.pieces.findIndex(([start, end]) => frame >= start && frame < end);
     if (place >= 0) {
       const [, , kind, keyword, fallback] = told.pieces[place];
-      const end = kind === "keyword" ? `keyword “${keyword}”` : kind;
+      // GestureMaster's pieces say what they are, all others how they end.
+      const whole = kind === "clip" || kind === "rest";
+      const what = whole ? kind : `ends at ${kind === "keyword" ? `keyword “${keyword}”` : kind}`;
       const gave = fallback ? `, fallback: ${fallback}` : "";
-      parts.push(`piece ${place + 1} of ${told.pieces.length} (ends at ${end}${gave})`);
+      parts.push(`piece ${place + 1} of ${told.pieces.length} (${what}${gave})`);
     }
     parts.push(`shows ${told.references[told.reference[frame]]}, frame ${told.source[frame]}`);
   }

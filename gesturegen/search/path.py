@@ -76,9 +76,12 @@ class Path:
     """The result for a whole test speech.
 
     failure : None, or the target at which the search got stuck, with the pieces found before it
-    objective : None, or the objective of a global search by term, `first` without repetition and `final`
+    objective : None, or the sums of an objective by term: of a global search `first`, without repetition, and `final`,
+        of GestureMaster's for the `upper` and the `lower` body
+    notes : what a user should know of it
     """
 
     tracks: tuple[Track, ...]
     failure: Target | None = None
     objective: Mapping[str, Mapping[str, float]] | None = None
+    notes: tuple[str, ...] = ()

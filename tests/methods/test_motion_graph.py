@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from gesturegen.methods import METHODS
 from gesturegen.methods.motion_graph import build, search
 from tests import naive, tiny
+from tests.gestures import gesture_builders
 
 
 def found(path):
@@ -299,8 +300,9 @@ def test_the_graph_does_not_change():
 
 @pytest.mark.parametrize("name", sorted(METHODS))
 def test_every_method_builds_and_searches(name):
-    rng = np.random.default_rng(6)
+    # Long enough, and with words and arms, that there are clips to cut and hands to tell their rhythm.
+    rng, config = np.random.default_rng(6), gesture_builders.config(method=name)
     method = METHODS[name]
-    library = method.build([tiny.random_reference(rng, 30)], tiny.config())
-    path = method.search(library, random_speech(rng, 45), tiny.config(), np.random.default_rng(0))
+    library = method.build([gesture_builders.reference(rng, 150, onsets=range(0, 150, 20))], config)
+    path = method.search(library, random_speech(rng, 45), config, np.random.default_rng(0))
     assert frames_of(path) == 45
