@@ -1,13 +1,15 @@
 """Time and peak memory of each stage, beside the obvious implementation in `tests/naive.py`, on one core.
 
-    python scripts/bench.py [--seconds 63 170 427] [--fast-only] [--long 60]
+    python scripts/bench.py [--seconds 63 170 427] [--fast-only] [--long 60] [--gestures 190]
 
 Makes a demo reference of each length and a demo test speech in `bench/`, then runs every stage in a process of its
 own. A stage is timed when its loops are compiled; a global search also when the graph's tables are prepared, which
 every further test clip finds done and which is the stage `global tables`. The naive graph of the 427 s reference
-takes minutes.
+takes minutes. `build clips` and `clips to BVH` of GestureMaster are whole commands, which also load their loops.
 
 `--long MINUTES` puts one graph of so many demo clips of 60 s in place of the references, with a test speech of 77 s.
+`--gestures MINUTES` does the same with one database of gesture clips, which GestureMaster searches. Their recordings
+are preprocessed once, and kept.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from __future__ import annotations
 import json
 import os
 import resource
+import shutil
 import subprocess
 import sys
 import time
@@ -27,16 +30,21 @@ import numpy as np
 
 from gesturegen import clips, demo, keynodes, recordings, render
 from gesturegen.config import Config, configs_folder, load_config
+from gesturegen.gestures import database
+from gesturegen.gestures.extraction import BODIES, extract
 from gesturegen.graph import motion_graph, neighbours
-from gesturegen.methods import METHODS
+from gesturegen.methods import METHODS, gesture_master
 from gesturegen.motion import bvh
+from gesturegen.parallel import default_jobs
+from gesturegen.pipeline import Summary, build_graphs, common, preprocess, reenact
 from gesturegen.randomness import generator
-from gesturegen.search import termination
+from gesturegen.search import termination, viterbi
+from gesturegen.speech import audio, prosody
 from tests import naive
 
 FOLDER = Path("bench")
 ONE_CORE = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")}
-BUILD = "build graph"
+BUILD, BUILD_CLIPS = "build graph", "build clips"
 STAGES = {
     BUILD: "continuity analysis with both prunings, and the index",
     "index": "of it, the nearest frames of every frame",
@@ -53,10 +61,21 @@ STAGES = {
     "global to BVH": "the same with the global search",
     "best to BVH": "the same with configs/best.yaml",
 }
-NAIVE = (BUILD, "index", "beam search", "global, small")
+CLIP_STAGES = {
+    BUILD_CLIPS: "the database of all references, from their stored clips to its file",
+    "prosody": "loudness and pitch of a minute of the speech",
+    "cut clips": "a minute of a reference cut, described and mirrored",
+    "clip edges": "transition costs of both bodies, and the edges",
+    "clip search": "Viterbi for the whole speech, both bodies",
+    "clips to path": "the same from the stored database, mapped into memory, and the speech",
+    "clips to BVH": "the same by `reenact`, from hashes of all files to BVH and trace",
+}
+NAIVE = (BUILD, "index", "beam search", "global, small", "clip edges", "clip search")
 LONG = (BUILD, "index", "beam search", "global tables", "global search", "global + sweeps")
+LONG_CLIPS = (BUILD_CLIPS, "clip search", "clips to path", "clips to BVH")
 SHORT_REFERENCE, SHORT_SPEECH = 90, 120  # frames, which the naive global search can bear
 WARM_UP = 60  # frames
+WARM_UP_CLIPS = 600  # frames, which hold more than one gesture clip
 
 
 def settings(folder: Path, stage: str = "") -> Config:
@@ -65,6 +84,11 @@ def settings(folder: Path, stage: str = "") -> Config:
     if stage in ("global search", "global, small"):
         changes.append("global_search.sweeps=0")
     return load_config(base, changes, folders={"paths.data": str(folder)})
+
+
+def clip_settings(folder: Path) -> Config:
+    folders = {"paths.data": str(folder), "paths.work": str(folder / "work")}
+    return load_config(configs_folder() / "gesture_master_2022.yaml", folders=folders)
 
 
 def references(folder: Path) -> list[clips.Reference]:
@@ -81,6 +105,7 @@ def speech(folder: Path) -> clips.Speech:
 
 
 def short(reference: clips.Reference, n_frames: int) -> clips.Reference:
+    n_frames = min(n_frames, reference.motion.n_frames)
     return replace(
         reference,
         motion=reference.motion.take(np.arange(n_frames)),
@@ -160,17 +185,101 @@ def prepare(folder: Path, stage: str, slow: bool) -> tuple[Callable, Callable]:
     return (lambda: bvh.write(out, render.render(search(graph, speech(folder), config), recorded, graph, config)),) * 2
 
 
+def prepare_clips(folder: Path, stage: str, slow: bool) -> tuple[Callable | None, Callable]:
+    """The same of the stages of GestureMaster, in a work folder in which recordings have been preprocessed."""
+    config = clip_settings(folder)
+    if stage == BUILD_CLIPS:
+        for name in ("gestures", "graphs"):
+            shutil.rmtree(common.work_path(config, name), ignore_errors=True)
+        return None, lambda: build_graphs(config, jobs=1, quiet=True)
+    if stage == "clips to BVH":
+        return None, lambda: reenact(config, jobs=1, quiet=True)
+    if stage == "prosody":
+        samples, rate = audio.read_samples(recordings.test_recordings(config)[0].audio_path)
+        return (
+            lambda: prosody.measure(samples[:rate], rate, config.prosody),
+            lambda: prosody.measure(samples[: 60 * rate], rate, config.prosody),
+        )
+    ((test, names),) = common.chosen_references(config, common.read_index(config)).items()
+    if stage == "cut clips":
+        minute = short(common.load_reference(config, names[0]), 60 * config.fps)
+        return lambda: extract(short(minute, WARM_UP_CLIPS), config), lambda: extract(minute, config)
+    if stage == "clip edges":
+        borders = clip_borders(common.load_references(config, names), config)
+        if slow:
+            return None, lambda: naive_edges(borders, config)
+        few = clip_borders([short(common.load_reference(config, names[0]), WARM_UP_CLIPS)], config)
+        return lambda: clip_edges(few, config), lambda: clip_edges(borders, config)
+    stored = common.graph_path(config, common.graph_name(config, names))
+    said = clips.load(common.clip_path(config, test), config).test_speech(config)
+    if stage == "clips to path":
+        # Any search looks at all edges once, so that the file is in the system's cache when it is timed.
+        beginning = replace(said, n_frames=WARM_UP)
+        return (
+            lambda: search(gesture_master.load(stored), beginning, config),
+            lambda: search(gesture_master.load(stored), said, config),
+        )
+    problems = clip_problems(gesture_master.load(stored), said, config)
+    if slow:
+        return None, lambda: [naive_clips(*problem) for problem in problems]
+    return (lambda: [viterbi.search(*problem) for problem in problems],) * 2
+
+
+def clip_borders(recorded: Sequence[clips.Reference], config: Config) -> dict:
+    parts = [extract(reference, config) for reference in recorded]
+    return {body: database.all_borders(parts, body, config) for body in BODIES}
+
+
+def clip_edges(borders: dict, config: Config):
+    for body in BODIES:
+        database.link(borders[body], body, database.threshold(borders[body], body, config), config)
+
+
+def naive_edges(borders: dict, config: Config):
+    for body in BODIES:
+        own = getattr(config.gesture_master, body)
+        np.nonzero(naive.transition_costs(*borders[body], own.lambda_1, own.lambda_2) < own.delta_t)
+
+
+def clip_problems(found: database.GestureDatabase, said: clips.Speech, config: Config) -> list[tuple]:
+    """What Viterbi is given for each body."""
+    asked = config.gesture_master
+    terms = gesture_master.data_terms(found, said, gesture_master.segments(said, config), config)
+    problems = []
+    for body in BODIES:
+        own = getattr(asked, body)
+        data = own.lambda_3 * (own.lambda_5 * terms["style"] + own.lambda_6 * terms["rhythm"]) + terms["scale"]
+        data += asked.lambda_kind * terms["kind"] * (body == "upper")
+        edges = viterbi.InEdges(*(getattr(found, f"{body}_{key}") for key in ("indptr", "sources", "costs")))
+        problems.append((data, edges, own.zeta, asked.lambda_reuse, found.twins, own.lambda_4))
+    return problems
+
+
+def naive_clips(data: np.ndarray, edges: viterbi.InEdges, *prices):
+    destinations = np.repeat(np.arange(data.shape[1]), np.diff(edges.indptr))
+    pairs = zip(edges.sources.tolist(), destinations.tolist(), strict=True)
+    naive.viterbi(data, dict(zip(pairs, edges.costs.tolist(), strict=True)), *prices)
+
+
 def measure(folder: Path, stage: str, slow: bool) -> dict:
     """Seconds and peak megabytes of one stage, in this process."""
-    warm_up, run = prepare(folder, stage, slow)
+    warm_up, run = (prepare_clips if stage in CLIP_STAGES else prepare)(folder, stage, slow)
     if warm_up is not None:
         warm_up()
     start = time.perf_counter()
     result = run()
     figures = {"seconds": time.perf_counter() - start, "megabytes": peak_megabytes()}
+    if isinstance(result, Summary):
+        require_success(result)
     if stage == BUILD and not slow:
         motion_graph.save(graph_path(folder), result, settings(folder))
     return figures
+
+
+def require_success(summary: Summary) -> None:
+    """What a command could not do must not pass for a fast one."""
+    if summary.outcome.failed:
+        raise SystemExit("\n".join([*summary.outcome.errors.values(), *summary.outcome.bugs.values()]))
 
 
 def peak_megabytes() -> float:
@@ -202,15 +311,37 @@ def make_data(folder: Path, count: int, seconds: float, test_seconds: float) -> 
     return folder
 
 
+def make_work(folder: Path) -> Path:
+    """The recordings of a folder preprocessed, with prosody, whole or not at all."""
+    work = folder / "work"
+    if not work.is_dir():
+        unfinished = folder / "work.unfinished"
+        config = load_config(
+            overrides=["prosody.enabled=true"], folders={"paths.data": str(folder), "paths.work": str(unfinished)}
+        )
+        require_success(preprocess(config, default_jobs(), quiet=True))
+        unfinished.rename(work)
+    return folder
+
+
+def describe(folder: Path, stage: str) -> str:
+    if stage == BUILD:
+        graph = motion_graph.load(graph_path(folder))
+        edges = f"{int(np.sum(~graph.natural))} unnatural edges, {graph_path(folder).stat().st_size / 1e6:.0f} MB"
+        return f"{graph.n_nodes} frames of {len(graph.joint_names)} joints, {edges}"
+    (path,) = (folder / "work" / "graphs").glob("*.npz")
+    found = gesture_master.load(path)
+    own = int(np.sum(found.twins >= np.arange(len(found.twins))))
+    edges = f"{len(found.upper_sources)} and {len(found.lower_sources)} edges, {path.stat().st_size / 1e6:.0f} MB"
+    return f"{len(found.starts)} gesture clips, {own} of them not mirrored, {edges}"
+
+
 def show(title: str, folder: Path, stages: Sequence[str], fast_only: bool) -> None:
     # The first stage leaves the graph that the others load.
     for stage in stages:
         fast = in_a_process(folder, stage)
-        if stage == BUILD:
-            graph = motion_graph.load(graph_path(folder))
-            click.echo(f"\n{title}: {graph.n_nodes} frames of {len(graph.joint_names)} joints, "
-                       f"{int(np.sum(~graph.natural))} unnatural edges, "
-                       f"{graph_path(folder).stat().st_size / 1e6:.0f} MB")  # fmt: skip
+        if stage == stages[0]:
+            click.echo(f"\n{title}: {describe(folder, stage)}")
             click.echo(f"{'stage, compiled':16}{'ours s':>10}{'naive s':>10}{'ratio':>8}{'ours MB':>10}"
                        f"{'naive MB':>10}   what it is; searches with the graph's tables prepared")  # fmt: skip
         line = f"{stage:16}{fast['seconds']:10.3f}"
@@ -220,7 +351,7 @@ def show(title: str, folder: Path, stages: Sequence[str], fast_only: bool) -> No
             line += f"{fast['megabytes']:10.0f}{slow['megabytes']:10.0f}"
         else:
             line += f"{'-':>10}{'-':>8}{fast['megabytes']:10.0f}{'-':>10}"
-        click.echo(f"{line}   {STAGES[stage]}")
+        click.echo(f"{line}   {(STAGES | CLIP_STAGES)[stage]}")
 
 
 @click.command()
@@ -229,20 +360,29 @@ def show(title: str, folder: Path, stages: Sequence[str], fast_only: bool) -> No
 )
 @click.option("--fast-only", is_flag=True, help="Leave out the naive implementation.")
 @click.option("--long", "minutes", type=click.IntRange(min=1), help="One graph of so many minutes instead.")
+@click.option("--gestures", type=click.IntRange(min=1), help="One gesture database of so many minutes instead.")
 @click.option("--measure", "one", nargs=3, hidden=True)
-def main(seconds: tuple[float, ...], fast_only: bool, minutes: int | None, one: tuple[str, str, str] | None) -> None:
+def main(
+    seconds: tuple[float, ...], fast_only: bool, minutes: int | None, gestures: int | None,
+    one: tuple[str, str, str] | None,
+) -> None:  # fmt: skip
     """Time and peak memory of each stage, beside the obvious implementation, on one core."""
     if one:
         folder, stage, kind = one
         click.echo(json.dumps(measure(Path(folder), stage, kind == "naive")))
         return
-    if minutes:
-        folder = make_data(FOLDER / f"{minutes}min", minutes, 60.0, 77.0)
-        show(f"{minutes} references of 60 s, test speech of 77 s", folder, LONG, fast_only=True)
+    if minutes or gestures:
+        for count, stages in ((minutes, LONG), (gestures, LONG_CLIPS)):
+            if count:
+                folder = make_data(FOLDER / f"{count}min", count, 60.0, 77.0)
+                folder = make_work(folder) if stages is LONG_CLIPS else folder
+                show(f"{count} references of 60 s, test speech of 77 s", folder, stages, fast_only=True)
         return
     for length in seconds:
         folder = make_data(FOLDER / f"{length:g}s", 1, length, 64.0)
-        show(f"reference of {length:g} s, test speech of 64 s", folder, list(STAGES), fast_only)
+        for stages in (list(STAGES), list(CLIP_STAGES)):
+            folder = make_work(folder) if stages[0] == BUILD_CLIPS else folder
+            show(f"reference of {length:g} s, test speech of 64 s", folder, stages, fast_only)
 
 
 if __name__ == "__main__":

@@ -20,8 +20,16 @@ from gesturegen import files, recordings, submission
 from gesturegen.errors import GesturegenError
 from gesturegen.motion import bvh
 
-END_KINDS = {"beam": ("onset", "keyword", "break"), "global": ("onset", "keyword", "break", "cut")}
-FALLBACKS = {"beam": ("keyword", "discard", "repeat"), "global": ("keyword", "hold", "end")}
+END_KINDS = {
+    "beam": ("onset", "keyword", "break"),
+    "global": ("onset", "keyword", "break", "cut"),
+    "viterbi": ("clip", "rest"),
+}
+FALLBACKS = {
+    "beam": ("keyword", "discard", "repeat"),
+    "global": ("keyword", "hold", "end"),
+    "viterbi": ("kind", "edge", "scale"),
+}
 ROUNDING = 1e-9
 
 
@@ -64,7 +72,7 @@ def _check_trace(path: Path, frames: int) -> list[str]:
         found.append(f"{path}: a pause is not within frames 0 to {frames}")
     for number, piece in enumerate(trace["pieces"]):
         found += [f"{path}: piece {number}: {what}" for what in _check_piece(piece, trace["search"])]
-    if (trace["objective"] is not None) != (trace["search"] == "global"):
+    if (trace["objective"] is None) != (trace["search"] == "beam"):
         found.append(f"{path}: its objective does not go with search {trace['search']}")
     elif trace["objective"] is not None:
         found += [f"{path}: {what}" for what in _check_objective(trace)]
@@ -78,7 +86,7 @@ def _check_piece(piece: dict, search: str) -> Iterator[str]:
         yield f"fallback {piece['fallback']}"
     if not piece["nodes"]:
         yield "no nodes"
-    if (piece["costs"] is not None) != (search == "global"):
+    if (piece["costs"] is None) != (search == "beam"):
         yield f"its costs do not go with search {search}"
     elif piece["costs"] is not None and not math.isclose(
         piece["cost"], sum(piece["costs"].values()), rel_tol=ROUNDING, abs_tol=ROUNDING
@@ -92,10 +100,11 @@ def _check_objective(trace: dict) -> Iterator[str]:
         total = sum(value for term, value in terms.items() if term != "total")
         if not math.isclose(terms["total"], total, rel_tol=ROUNDING):
             yield f"objective {name}: its terms sum up to {total}, not {terms['total']}"
-    final = trace["objective"]["final"]
+    final = trace["objective"]["upper" if trace["search"] == "viterbi" else "final"]
     pieces = sum(piece["cost"] for piece in trace["pieces"])
-    if not math.isclose(final["total"] - final["repeats"], pieces, rel_tol=ROUNDING, abs_tol=ROUNDING):
-        yield f"the pieces cost {pieces}, the objective says {final['total'] - final['repeats']}"
+    expected = final["total"] - final.get("repeats", 0.0)
+    if not math.isclose(expected, pieces, rel_tol=ROUNDING, abs_tol=ROUNDING):
+        yield f"the pieces cost {pieces}, the objective says {expected}"
 
 
 def main() -> None:

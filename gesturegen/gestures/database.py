@@ -21,13 +21,13 @@ from gesturegen.randomness import generator
 FORMAT_VERSION = 1
 # What is stored of one recording depends on these beside it, and a whole database on more.
 GESTURE_SETTINGS = (
-    "fps", "joints", "positions", "onsets", "wrists", "exclude", "breaks", "prosody", "references.seconds",
+    "fps", "joints", "positions", "onsets", "wrists", "exclude", "breaks", "prosody",
     "gesture_master.cutting", "gesture_master.quality", "gesture_master.mirror", "gesture_master.joint_pairs",
     "gesture_master.rhythm.bits", "gesture_master.rhythm.smoothing_seconds", "gesture_master.rhythm.corrections",
     "gesture_master.transition_frames", "keywords.words", "pauses",
 )  # fmt: skip
 SETTINGS = (
-    *GESTURE_SETTINGS,
+    *GESTURE_SETTINGS, "references.seconds",
     "gesture_master.finger_transfer", "gesture_master.style.source",
     "gesture_master.style.ridge", "gesture_master.style.folds",
     *(f"gesture_master.{body}.{key}" for body in BODIES for key in ("lambda_1", "lambda_2", "delta_t", "delta_quantile")),

@@ -10,6 +10,7 @@ import hashlib
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from fnmatch import fnmatchcase
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,7 +27,7 @@ from gesturegen.graph.reference_frames import describe as describe_frames
 from gesturegen.graph.reference_frames import join, require_one_skeleton
 from gesturegen.keynodes import KeyNodes
 from gesturegen.parallel import Outcome, for_each
-from gesturegen.pipeline.common import digests, limits, load_reference, work_path
+from gesturegen.pipeline.common import clip_path, digests, limits, load_reference, work_path
 from gesturegen.recordings import is_listed
 
 if TYPE_CHECKING:
@@ -44,13 +45,17 @@ def prepare(libraries: Mapping[str, Library], jobs: int, label: str, quiet: bool
     Returns errors and bugs by library.
     """
     todo = {name: library for name, library in libraries.items() if not (reuse and _is_current(library))}
+    different = {name: line for name, library in todo.items() if (line := _different_skeletons(library))}
     tasks, users = {}, {}
     for name, library in todo.items():
+        if name in different:
+            continue
         for recording, limit in zip(library.names, limits(library.config, library.names), strict=True):
             title = _part_path(library.config, recording, limit).stem
-            tasks[title] = partial(_extract, library.config, recording, library.names[0], limit)
+            tasks[title] = partial(_extract, library.config, recording, limit)
             users.setdefault(title, []).append(name)
     failed = _failures(for_each(tasks, jobs, f"{label}: gestures", quiet), users) if tasks else Outcome()
+    failed.errors |= different
     links, owners = {}, {}
     for name, library in todo.items():
         if name in failed.errors or name in failed.bugs:
@@ -71,6 +76,21 @@ def _is_current(library: Library) -> bool:
     except DataError:
         return False
     return True
+
+
+def _different_skeletons(library: Library) -> str | None:
+    """Why recordings cannot share a database: stored parts do not know with which others they will be joined."""
+    try:
+        texts = [
+            str(files.read_arrays(clip_path(library.config, name), only=("hierarchy",)).get("hierarchy"))
+            for name in library.names
+        ]
+        for name, text in zip(library.names, texts, strict=True):
+            if text != texts[0]:
+                require_one_skeleton([load_reference(library.config, n, 1) for n in (library.names[0], name)])
+    except DataError as error:
+        return str(error)
+    return None
 
 
 def _failures(outcome: Outcome, users: Mapping[str, Sequence[str]]) -> Outcome:
@@ -104,14 +124,12 @@ def _is_stored(path: Path, made_of: str) -> bool:
         return False
 
 
-def _extract(config: Config, recording: str, first: str, limit: int | None) -> None:
+def _extract(config: Config, recording: str, limit: int | None) -> None:
     path = _part_path(config, recording, limit)
     made_of = _made_of(config, [recording], *GESTURE_SETTINGS)
     if _is_stored(path, made_of):
         return
     reference = load_reference(config, recording, limit)
-    if recording != first:
-        require_one_skeleton([load_reference(config, first, 1), reference])
     described = describe_frames(reference, config)
     nodes = described.pop("key_nodes")
     files.write_arrays(
@@ -228,4 +246,11 @@ def describe(found: GestureDatabase, config: Config) -> dict:
         for correction in config.gesture_master.rhythm.corrections or ()
         if not any(is_listed(name, (correction.clip,)) for name in found.clip_names)
     ]
+    known = [*found.names.tolist(), *found.dropped[:, 0].tolist()]
+    for key in ("include", "exclude"):
+        notes += [
+            f"gesture_master.quality.{key}: {pattern!r} matches no gesture clip; `gesturegen inspect` lists them"
+            for pattern in getattr(config.gesture_master.quality, key)
+            if not any(fnmatchcase(name, pattern) for name in known)
+        ]
     return {"lines": lines, "notes": notes}

@@ -65,7 +65,8 @@ def build_libraries(
     """Build and store them all; the result of each is what to say of it: `lines` and `notes`."""
     staged = {name: library for name, library in libraries.items() if library.config.method == "gesture_master"}
     outcome = build_database.prepare(staged, jobs, label, quiet, reuse)
-    tasks = {name: partial(_build, library, reuse) for name, library in libraries.items() if name not in outcome.errors}
+    failed = outcome.errors | outcome.bugs
+    tasks = {name: partial(_build, library, reuse) for name, library in libraries.items() if name not in failed}
     built = for_each(tasks, jobs, label, quiet)
     errors = dict(sorted({**built.errors, **outcome.errors}.items()))
     return Outcome(built.done, errors, dict(sorted({**built.bugs, **outcome.bugs}.items())))
@@ -76,7 +77,9 @@ def _build(library: Library, reuse: bool) -> dict:
     clip_digests = digests(config, library.names)
     if reuse:
         try:
-            return _describe(method.load(library.path, config, clip_digests), config)
+            stored = method.load(library.path, config, clip_digests)
+            build_database.forget_blocks(library.path)  # a build may have been killed before it did
+            return _describe(stored, config)
         except DataError:
             pass
     if config.method == "gesture_master":

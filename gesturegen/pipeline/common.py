@@ -95,7 +95,7 @@ def load_references(config: Config, names: Sequence[str]) -> list[clips.Referenc
 def load_reference(config: Config, name: str, limit: int | None = None) -> clips.Reference:
     """A stored clip as a reference, of at most `limit` frames."""
     reference = clips.load(clip_path(config, name), config).reference(config)
-    return reference if limit is None or reference.motion.n_frames <= limit else _cut(reference, limit)
+    return reference if limit is None else _cut(reference, limit)
 
 
 def limits(config: Config, names: Sequence[str]) -> list[int | None]:
@@ -104,9 +104,10 @@ def limits(config: Config, names: Sequence[str]) -> list[int | None]:
         return [None] * len(names)
     found, left = [], round(config.references.seconds * config.fps)
     for name in names:
+        n_frames = len(files.read_arrays(clip_path(config, name), only=("source_frames",))["source_frames"])
         # A clip whose motion is longer than its sound may leave nothing for the next, which has been chosen.
-        found.append(max(left, 1))
-        left -= len(files.read_arrays(clip_path(config, name), only=("source_frames",))["source_frames"])
+        found.append(max(left, 1) if left < n_frames else None)
+        left -= n_frames
     return found
 
 

@@ -222,7 +222,7 @@ def _is_stored(manifest: dict, folder: Path) -> bool:
 def _describe(summary: Summary, config: Config) -> None:
     """Lines, warnings and errors, for each variant of each clip; variants that got stuck move to the errors."""
     outcome = summary.outcome
-    hint = "give longer references" + (" or set search=global" if config.search == "beam" else "")
+    hint = "give longer references" + (" or set search=global" if config.search_name == "beam" else "")
     done, outcome.done = outcome.done, {}
     for test, results in done.items():
         said: set[str] = set()
