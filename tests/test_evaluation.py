@@ -120,7 +120,9 @@ def test_unblended_natural_motion_has_no_seam_and_a_jump_has(moved):
 
 def test_bare_positions_have_no_beats():
     positions = np.random.default_rng(0).normal(size=(50, 5, 3)).cumsum(axis=0)
-    row = evaluation.measure_clip(evaluation.from_positions(positions, CONFIG), CONFIG, evaluation.Heard(np.array([0.5])))
+    row = evaluation.measure_clip(
+        evaluation.from_positions(positions, CONFIG), CONFIG, evaluation.Heard(np.array([0.5]))
+    )
     assert np.isnan(row["bc_distance"]) and row["jerk"] > 0
 
 
