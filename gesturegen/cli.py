@@ -223,6 +223,23 @@ def reenact(config: Config, jobs: int, quiet: bool, variants: int) -> None:
     _run(quiet, lambda: pipeline.reenact(config, jobs, quiet, variants=variants))
 
 
+@main.command("train-refiner")
+@_common
+def train_refiner(config: Config, jobs: int, quiet: bool) -> None:
+    """Train the network that refines what k-NN motion matching shows (needs the extra `torch`).
+
+    It learns from the references of the test clips and is kept in WORK/refiner.pt. Training that was interrupted goes on
+    where it stopped; refine=true then uses the network in `reenact`.
+
+    \b
+    Example:
+      gesturegen train-refiner --config configs/motion_matching_2022.yaml --work out --set refiner.iterations=2000
+    """
+    from gesturegen import pipeline
+
+    _run(quiet, lambda: pipeline.train_refiner(config, jobs, quiet))
+
+
 @main.command()
 @_common
 @click.option("--bvh", "bvh_folder", type=_FOLDER, help="Measure these BVH files, made by any system.")
@@ -320,6 +337,33 @@ def ablate(config: Plan, jobs: int, quiet: bool, keep: bool) -> None:
     from gesturegen import pipeline
 
     _run(quiet, lambda: pipeline.ablate(config, jobs, quiet, keep))
+
+
+def _load_comparison(path: Path | None, overrides: tuple[str, ...], folders: dict[str, str]) -> Plan:
+    from gesturegen.ablation.plan import load_plan
+    from gesturegen.config import configs_folder
+
+    return load_plan(path or configs_folder() / "compare.yaml", overrides, folders)
+
+
+@main.command()
+@functools.partial(_common, load=_load_comparison)
+@click.option("--out", type=_FILE, metavar="FILE", help="The page to write, instead of WORK/compare/report.html.")
+def compare(config: Plan, jobs: int, quiet: bool, out: Path | None) -> None:
+    """Compare all methods and the baselines over the same clips, in a table and on a page, into WORK/compare.
+
+    --config is a file like those of `ablate`: base config, seeds, and small config files that change it; without
+    it, the methods and baselines of configs/compare.yaml. Run preprocess with its base config first.
+    WORK/compare/<setup> is a work folder for `evaluate`, `inspect` and `render`.
+
+    \b
+    Examples:
+      gesturegen preprocess --config configs/compare/base.yaml --data genea --work out
+      gesturegen compare --config configs/compare.yaml --data genea --work out
+    """
+    from gesturegen import pipeline
+
+    _run(quiet, lambda: pipeline.compare(config, jobs, quiet, out))
 
 
 def _read_compared(_context, parameter, values: tuple[str, ...]) -> list[tuple[str, Path]]:

@@ -20,7 +20,8 @@ from gesturegen.errors import DataError
 from gesturegen.motion import bvh, cleanup, kinematics, rotation
 from gesturegen.motion.skeleton import Motion, Skeleton, read_only
 from gesturegen.recordings import Recording, is_listed
-from gesturegen.speech import audio, prosody, transcript
+from gesturegen.speech import acoustics, audio, prosody, transcript
+from gesturegen.speech.acoustics import Acoustics
 from gesturegen.speech.prosody import Contour
 from gesturegen.speech.transcript import Word
 
@@ -35,7 +36,7 @@ _SETTINGS = (
 _SPEECH_ARRAYS = (
     "format_version", "settings", "input_digest", "name", "speaker", "duration", "notes",
     "onset_times", "onset_strengths", "onset_near_mute", "word_texts", "word_times",
-    "prosody_settings", "energy", "pitch", "prosody_rate",
+    "prosody_settings", "energy", "pitch", "prosody_rate", "acoustics_settings", "mfcc", "acoustics_rate",
 )  # fmt: skip
 
 
@@ -45,7 +46,7 @@ class Speech:
 
     onset_times : float [shape=(K,)], seconds, at the configured strength
     words : in order of time; n_frames : round(duration * fps) for a test speech, the motion's for a reference
-    prosody : None where it is not measured (`prosody.enabled`)
+    prosody, acoustics : None where they are not measured (`prosody.enabled`, `acoustics.enabled`)
     """
 
     name: str
@@ -54,6 +55,7 @@ class Speech:
     n_frames: int
     fps: float
     prosody: Contour | None = None
+    acoustics: Acoustics | None = None
 
     def __post_init__(self):
         object.__setattr__(self, "onset_times", read_only(self.onset_times))
@@ -100,6 +102,7 @@ class Clip:
     n_recorded: int = 0
     notes: tuple[str, ...] = field(default=())
     prosody: Contour | None = None
+    acoustics: Acoustics | None = None
 
     def all_notes(self, config: Config) -> list[str]:
         """What is odd about the clip, with these settings."""
@@ -125,7 +128,7 @@ class Clip:
 
     def _speech(self, config: Config, n_frames: int) -> Speech:
         onsets = self.onset_peaks.select(config.onsets.min_strength, config.onsets.muted_max_share)
-        return Speech(self.name, onsets, self.words, n_frames, float(config.fps), self.prosody)
+        return Speech(self.name, onsets, self.words, n_frames, float(config.fps), self.prosody, self.acoustics)
 
 
 # --- from recording to clip ---------------------------------------------------------------------------------
@@ -149,7 +152,10 @@ def prepare(recording: Recording, config: Config, with_motion: bool) -> Clip:
     if recording.transcript_path is not None:
         words, notes = transcript.read(recording.transcript_path, duration)
     contour = prosody.measure(samples, rate, config.prosody) if config.prosody.enabled else None
-    clip = Clip(recording.name, recording.speaker, duration, peaks, words, notes=tuple(notes), prosody=contour)
+    sound = acoustics.measure(samples, rate, config.acoustics) if config.acoustics.enabled else None
+    clip = Clip(
+        recording.name, recording.speaker, duration, peaks, words, notes=tuple(notes), prosody=contour, acoustics=sound
+    )
     return _with_motion(clip, recording, config) if with_motion else clip
 
 
@@ -253,6 +259,12 @@ def save(path: str | Path, clip: Clip, config: Config, digest: str = "") -> None
             "pitch": clip.prosody.pitch,
             "prosody_rate": np.array(clip.prosody.rate),
         }
+    if clip.acoustics is not None:
+        arrays |= {
+            "acoustics_settings": np.array(config.section_json("acoustics")),
+            "mfcc": clip.acoustics.values,
+            "acoustics_rate": np.array(clip.acoustics.rate),
+        }
     if clip.motion is not None:
         skeleton = clip.motion.skeleton
         joints, _ = select_joints(skeleton, config)
@@ -292,9 +304,13 @@ def load(path: str | Path, config: Config, with_motion: bool = True) -> Clip:
         words = tuple(Word(str(text), *time) for text, time in zip(stored["word_texts"], times, strict=True))
         described = (str(stored["name"]), str(stored["speaker"]) or None, float(stored["duration"]))
         notes = tuple(map(str, stored["notes"]))
-        contour = _stored_prosody(path, stored, config)
+        contour = sound = None
+        if _is_measured(path, stored, config, "prosody"):
+            contour = Contour(stored["energy"], stored["pitch"], float(stored["prosody_rate"]))
+        if _is_measured(path, stored, config, "acoustics"):
+            sound = Acoustics(stored["mfcc"], float(stored["acoustics_rate"]))
         if not with_motion or "expmaps" not in stored:
-            return Clip(*described, peaks, words, notes=notes, prosody=contour)
+            return Clip(*described, peaks, words, notes=notes, prosody=contour, acoustics=sound)
         skeleton = Skeleton(
             tuple(map(str, stored["skeleton_names"])),
             stored["skeleton_parents"],
@@ -307,7 +323,7 @@ def load(path: str | Path, config: Config, with_motion: bool = True) -> Clip:
         motion = Motion(skeleton, rotations, _unpack_positions(stored, len(rotations)), float(stored["fps"]))
         return Clip(
             *described, peaks, words, motion, stored["source_frames"], stored["segment_starts"],
-            int(stored["n_recorded"]), notes, contour,
+            int(stored["n_recorded"]), notes, contour, sound,
         )  # fmt: skip
     except KeyError as error:
         raise DataError(f"{path}: no array {error} in it; delete it and run preprocess again") from None
@@ -315,16 +331,16 @@ def load(path: str | Path, config: Config, with_motion: bool = True) -> Clip:
         raise DataError(f"{path}: damaged ({error}); delete it and run preprocess again") from None
 
 
-def _stored_prosody(path: Path, stored: Mapping[str, np.ndarray], config: Config) -> Contour | None:
-    """None where the config asks for none, whether or not it was measured."""
-    if not config.prosody.enabled:
-        return None
-    if "energy" not in stored:
+def _is_measured(path: Path, stored: Mapping[str, np.ndarray], config: Config, what: str) -> bool:
+    """Whether the config asks for a measure of the voice, which then must be there, and be as it asks."""
+    if not getattr(config, what).enabled:
+        return False
+    if f"{what}_settings" not in stored:
         raise DataError(
-            f"{path}: holds no prosody, the config says prosody.enabled: true; run `gesturegen preprocess` again"
+            f"{path}: holds no {what}, the config says {what}.enabled: true; run `gesturegen preprocess` again"
         )
-    check_settings(path, str(stored["prosody_settings"]), config.section_json("prosody"), "preprocess")
-    return Contour(stored["energy"], stored["pitch"], float(stored["prosody_rate"]))
+    check_settings(path, str(stored[f"{what}_settings"]), config.section_json(what), "preprocess")
+    return True
 
 
 def check_settings(path: Path, stored: str, wanted: str, command: str) -> None:

@@ -1,15 +1,19 @@
 """Settings: frozen models, read from YAML, strict.
 
 A config file holds only what it changes; the defaults are the papers' (`configs/casia_go_2023.yaml` spells
-them all out, but for those of `gesture_master`, which stand in `configs/gesture_master_2022.yaml`). An unknown key, a wrong type or a value out of range is refused with the file, the line, the
-key's path, what was found, what is allowed and, for a typo, the nearest key.
+them all out, but for those that other methods alone have, which stand in `configs/gesture_master_2022.yaml` and
+`configs/motion_matching_2022.yaml`). An unknown key, a wrong type or a value out of range is refused with the file,
+the line, the key's path, what was found, what is allowed and, for a typo, the nearest key.
 """
 
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
-from collections.abc import Collection, Mapping, Sequence
+import math
+import re
+from collections.abc import Callable, Collection, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
@@ -135,6 +139,200 @@ class Prosody(_Section):
     def _a_range(self):
         if not 1.2 * self.pitch_min <= self.pitch_max < self.sample_rate / 2:
             raise ValueError("pitch_max must be at least 1.2 times pitch_min, and below half the sample_rate")
+        return self
+
+
+# A share of the reference frames, such as 85% or 2.5%.
+_QUANTILE = re.compile(r"[0-9]+(\.[0-9]+)?%")
+
+
+class Condition(_Section):
+    """What a measure of the hands is to be in a time range; a bound is a number or a quantile such as `85%`.
+
+    Heights, radii and symmetry are in cm, speeds in cm/s, times in seconds; without `to` the range reaches to
+    the end of the clip. Only a soft condition has a price, 1 where none is given.
+    """
+
+    clip: str = "*"
+    from_: Annotated[float, Field(ge=0, alias="from")] = 0.0
+    to: Positive | None = None
+    measure: Literal["height", "speed", "radius", "symmetry"]
+    hand: Literal["left", "right", "both"] = "both"
+    at_least: float | str | None = None
+    at_most: float | str | None = None
+    hard: bool = True
+    price: Positive | None = None
+
+    @field_validator("at_least", "at_most", mode="before")
+    @classmethod
+    def _a_bound(cls, bound: Any) -> Any:
+        number = isinstance(bound, (int, float)) and not isinstance(bound, bool)
+        if bound is None or (number and abs(bound) < math.inf) or _quantile(bound) is not None:
+            return bound
+        raise PydanticCustomError("bound", "a finite number, or a quantile from `0%` to `100%` such as `85%`")
+
+    @model_validator(mode="after")
+    def _can_be_met(self):
+        if self.to is not None and self.to <= self.from_:
+            raise ValueError("`to` must be later than `from`")
+        if self.at_least is None and self.at_most is None:
+            raise ValueError("give at_least, at_most or both")
+        if self.measure == "symmetry" and self.hand != "both":
+            raise ValueError("symmetry compares the hands and has none of its own; leave out `hand`")
+        if self.hard and self.price is not None:
+            raise ValueError("a hard condition has no price; leave it out, or set hard: false")
+        bounds = [self.at_least, self.at_most]
+        quantiles = [_quantile(bound) for bound in bounds]
+        if None not in quantiles:
+            bounds = quantiles
+        # A number and a quantile can be compared once the references are known.
+        if not any(bound is None or isinstance(bound, str) for bound in bounds) and bounds[0] > bounds[1]:
+            raise ValueError(f"at_least {bound_text(self.at_least)} is more than at_most {bound_text(self.at_most)}")
+        return self
+
+
+def _quantile(bound: Any) -> float | None:
+    """0 to 1 for a text from `0%` to `100%`; None for anything else."""
+    if not isinstance(bound, str) or not _QUANTILE.fullmatch(bound):
+        return None
+    share = float(bound[:-1]) / 100
+    return share if share <= 1 else None
+
+
+def bound_text(bound: float | str) -> str:
+    """A bound as it is written."""
+    return bound if isinstance(bound, str) else f"{bound:g}"
+
+
+def resolve_bound(bound: float | str | None, missing: float, quantile: Callable[[float], float]) -> float:
+    """The number that a bound stands for; `missing` where there is none.
+
+    quantile : what of the references a share from 0 to 1 lies below
+    """
+    if bound is None:
+        return missing
+    share = _quantile(bound)
+    return float(bound) if share is None else float(quantile(share))
+
+
+def shared_time(one: Condition, other: Condition) -> tuple[float, float] | None:
+    """From when to when both conditions hold, in seconds (inf for the end of the clip); None for never."""
+    ends = [math.inf if condition.to is None else condition.to for condition in (one, other)]
+    start, end = max(one.from_, other.from_), min(ends)
+    return (start, end) if start < end else None
+
+
+def time_text(start: float, end: float) -> str:
+    """A time range in seconds, in words."""
+    return f"from {start:g} s on" if math.isinf(end) else f"from {start:g} to {end:g} s"
+
+
+class KeywordGesture(_Section):
+    """A gesture of the library that is to be shown at a time, or wherever a word is said."""
+
+    clip: str = "*"
+    word: str | None = None
+    at: NotNegative | None = None
+    gesture: str
+
+    @field_validator("word")
+    @classmethod
+    def _one_word(cls, word: str | None) -> str | None:
+        if word is not None and (len(word.split()) != 1 or not any(map(str.isalnum, word))):
+            raise ValueError(f"{word!r} is not one word, so no transcript can match it")
+        return word
+
+    @model_validator(mode="after")
+    def _one_place(self):
+        if (self.word is None) == (self.at is None):
+            raise ValueError("give one of word and at")
+        return self
+
+
+class Schedule(_Section):
+    """What a control file holds: what is demanded of the hands, and which gestures are to be shown."""
+
+    conditions: tuple[Condition, ...] = ()
+    gestures: tuple[KeywordGesture, ...] = ()
+
+    @field_validator("conditions")
+    @classmethod
+    def _one_at_a_time(cls, conditions: tuple[Condition, ...]) -> tuple[Condition, ...]:
+        mistakes = []
+        for (first, one), (second, other) in itertools.combinations(enumerate(conditions), 2):
+            time = shared_time(one, other)
+            if time and (one.clip, one.measure, one.hand) == (other.clip, other.measure, other.hand):
+                problem = PydanticCustomError(
+                    "value_error",
+                    "conditions {first} and {second} overlap {time}; give both bounds in one condition, or times apart",
+                    {"first": first + 1, "second": second + 1, "time": time_text(*time)},
+                )
+                mistakes.append({"type": problem, "loc": (second,), "input": None})
+        if mistakes:
+            # Unlike a ValueError, this says which condition it is, and so in which line.
+            raise ValidationError.from_exception_data(cls.__name__, mistakes)
+        return conditions
+
+
+class Control(Schedule):
+    """The conditions and gestures, given directly or else read from `file`; the gestures are those of `library`."""
+
+    file: str | None = None
+    library: str | None = None
+    left: str = "b_l_wrist"
+    right: str = "b_r_wrist"
+    forbidden: Positive = 1000.0
+
+
+class Refiner(_Section):
+    checkpoint: str | None = None
+    w_reconstruction: NotNegative = 0.1
+    w_adversarial: NotNegative = 1.0
+    w_penalty: NotNegative = 100.0
+    learning_rate: Positive = 1e-4
+    iterations: Count = 300_000
+    batch: Count = 64
+    stride_seconds: Positive = 5 / 15
+    furthest_k: Count = 15
+    held_out_share: Annotated[float, Field(gt=0, lt=1)] = 0.1
+    patience: Count = 20
+    check_every: Count = 500
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+
+
+class Acoustics(_Section):
+    enabled: bool = False
+    sample_rate: Count = 22050
+    rate: Count = 15
+    coefficients: Count = 13
+
+    @model_validator(mode="after")
+    def _whole_hops(self):
+        if self.sample_rate % self.rate:
+            raise ValueError("sample_rate must be a multiple of rate, so that there are so many values a second")
+        return self
+
+
+class MotionMatching(_Section):
+    sequence_seconds: Positive = 64 / 15
+    step_seconds: Positive = 8 / 15
+    audio_values: Count = 8
+    audio_interval_seconds: NotNegative = 2 / 15
+    pose_values: Count = 4
+    pose_interval_seconds: NotNegative = 1 / 15
+    joints: tuple[str, ...] = (
+        "b_l_forearm", "b_r_forearm", "b_l_wrist", "b_r_wrist", "b_l_index1", "b_r_index1", "b_l_pinky1", "b_r_pinky1",
+    )  # fmt: skip
+    preselect: Literal["pose", "audio"] = "pose"
+    use_audio: bool = True
+    k: Count = 1
+    start: Literal["random", "mean", "given"] = "random"
+    start_pose: str | None = None
+
+    @model_validator(mode="after")
+    def _start_given(self):
+        if (self.start == "given") != (self.start_pose is not None):
+            raise ValueError("start: given goes with start_pose, a reference clip and a time such as trn_000@12.30")
         return self
 
 
@@ -373,14 +571,19 @@ class Evaluation(_Section):
     seam_radius: Count = 4
 
 
+_NO_CONTROL = (
+    "control of the hands needs search: global or method: motion_matching; choose one of them or leave conditions out"
+)
+
+
 class Config(_Section):
     """All settings of a run.
 
     See `configs/casia_go_2023.yaml` for what each one means, `configs/gesture_master_2022.yaml` for section
-    `gesture_master`.
+    `gesture_master`, `configs/motion_matching_2022.yaml` for `acoustics`, `motion_matching`, `refine` and `refiner`.
     """
 
-    method: Literal["motion_graph", "gesture_master"] = "motion_graph"
+    method: Literal["motion_graph", "gesture_master", "motion_matching", "baseline"] = "motion_graph"
     search: Literal["beam", "global"] = "beam"
     seed: Annotated[int, Field(ge=0)] = 0
     paths: Paths = Paths()
@@ -396,6 +599,7 @@ class Config(_Section):
     breaks: Breaks = Breaks()
     pauses: Pauses = Pauses()
     prosody: Prosody = Prosody()
+    acoustics: Acoustics = Acoustics()
     positions: Positions = Positions()
     continuity: Continuity = Continuity()
     beam: Beam = Beam()
@@ -404,12 +608,17 @@ class Config(_Section):
     initialization: Literal["feature", "random"] = "feature"
     termination: Termination = Termination()
     gesture_master: GestureMaster = GestureMaster()
+    motion_matching: MotionMatching = MotionMatching()
+    baseline: Literal["random_stretch", "mismatched"] = "random_stretch"
+    control: Control = Control()
     resample: Literal["interpolate", "nearest"] = "interpolate"
     blend: Blend = Blend()
     smoothing: Smoothing = Smoothing()
     root: Root = Root()
     feet: Feet = Feet()
     fingers: Literal["follow", "rest"] = "follow"
+    refine: bool = False
+    refiner: Refiner = Refiner()
     evaluation: Evaluation = Evaluation()
 
     @model_validator(mode="after")
@@ -424,10 +633,32 @@ class Config(_Section):
             )
         return self
 
+    @model_validator(mode="after")
+    def _acoustics_measured(self):
+        if self.method == "motion_matching" and not self.acoustics.enabled:
+            raise PydanticCustomError(
+                "value_error",
+                "motion_matching needs acoustics.enabled: true, which measures the sound that it matches",
+                {"key": "method"},
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _can_be_controlled(self):
+        if self.control.conditions and not self.controls:
+            raise PydanticCustomError("value_error", _NO_CONTROL, {"key": "control"})
+        return self
+
+    @property
+    def controls(self) -> bool:
+        """Whether the search can follow conditions; gestures of a library can be shown whatever it is."""
+        return self.method == "motion_matching" or self.search_name == "global"
+
     @property
     def search_name(self) -> str:
         """What the method searches with."""
-        return "viterbi" if self.method == "gesture_master" else self.search
+        own = {"gesture_master": "viterbi", "motion_matching": "nearest", "baseline": self.baseline}
+        return own.get(self.method, self.search)
 
     def section_json(self, *keys: str) -> str:
         """Canonical JSON of some settings (`"continuity"`, `"onsets.min_strength"`), for stored files."""
@@ -443,8 +674,8 @@ class Config(_Section):
     def signature(self) -> str:
         """Twelve hexadecimal digits that name the settings, wherever they were read and files are kept."""
         places = {
-            "paths": True, "data": {"references", "tests"}, "keywords": {"file"},
-            "gesture_master": {section: {file} for section, file, _ in _LISTS},
+            "paths": True, "data": {"references", "tests"}, "keywords": {"file"}, "control": {"file", "library"},
+            "gesture_master": {section: {file} for section, file, _ in _LISTS}, "refiner": {"checkpoint"},
         }  # fmt: skip
         values = json.loads(self.model_dump_json(by_alias=True, exclude=places))
         return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:12]
@@ -508,6 +739,8 @@ def layer_config(base: Config, path: str | Path) -> Config:
     for section, file, rows in _LISTS:  # likewise
         if file in _section(_section(changes, "gesture_master"), section):
             values["gesture_master"][section][rows] = None
+    if "file" in _section(changes, "control"):
+        values["control"] |= {"conditions": [], "gestures": []}
     return _with_files(_validated(Config, _merged(values, changes), str(path), lines), Path(path).parent)
 
 
@@ -658,7 +891,7 @@ def _with_files(config: Config, folder: Path | None) -> Config:
             path = _beside(name, folder, f"gesture_master.{section}.{file}")
             settings = settings.model_copy(update={rows: _read_list(path, model, settings, rows)})
             master = master.model_copy(update={section: settings})
-    return config.model_copy(update={"gesture_master": master})
+    return _with_control(config.model_copy(update={"gesture_master": master}), folder)
 
 
 def _beside(name: str, folder: Path | None, key: str) -> Path:
@@ -704,6 +937,21 @@ def _with_keywords(config: Config, folder: Path | None) -> Config:
         )
     words = _lower_cased(words, str(path))
     return config.model_copy(update={"keywords": Keywords(file=config.keywords.file, words=words)})
+
+
+def _with_control(config: Config, folder: Path | None) -> Config:
+    control = config.control
+    # A config that was read before has one list at least, and must not look for the file in another folder.
+    if control.file is None or control.conditions or control.gestures:
+        return config
+    path = _beside(control.file, folder, "control.file")
+    values, lines = strict_yaml.read_mapping(path, "check control.file")
+    schedule = _validated(Schedule, values, str(path), lines)
+    if not (schedule.conditions or schedule.gestures):
+        raise ConfigError(f"{path}: neither conditions nor gestures in it; add some, or leave out control.file")
+    if schedule.conditions and not config.controls:
+        raise ConfigError(f"{path}: conditions: {_NO_CONTROL}")
+    return config.model_copy(update={"control": control.model_copy(update=dict(schedule))})
 
 
 def _lower_cased(words: Mapping[str, str], where: str) -> dict[str, str]:

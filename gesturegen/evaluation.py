@@ -6,6 +6,7 @@ its trace. A measure that lacks one of these is NaN.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +15,9 @@ import numpy as np
 
 from gesturegen.clips import select_joints
 from gesturegen.config import Config
+from gesturegen.control import hands
+from gesturegen.control.measures import UNITS
+from gesturegen.control.schedule import Demand, Measures, achieved
 from gesturegen.gestures import cutting, rhythm
 from gesturegen.graph.reference_frames import ReferenceFrames
 from gesturegen.metrics import beats, diversity, feet, frechet, genea, pauses, seams, smoothness, synchrony, usage
@@ -92,7 +96,7 @@ class Joints:
 
     world : [shape=(T, K, 3)], selected joints, cm; relative : the same seen from the pelvis, as distances are
     feet : [shape=(T, F, 3)], world; parents : [shape=(K,)], among the selected joints, None where unknown
-    wrists : places of the wrist joints among the selected ones
+    wrists : places of the wrist joints among the selected ones; names : of the selected joints, where they are known
     """
 
     world: np.ndarray
@@ -101,6 +105,7 @@ class Joints:
     parents: np.ndarray | None
     wrists: list[int]
     fps: float
+    names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +135,7 @@ def locate(motion: Motion, config: Config) -> Joints:
         parents=beats.selected_parents(skeleton.parents, joints),
         wrists=[names.index(name) for name in config.wrists.joints if name in names],
         fps=motion.fps,
+        names=tuple(names),
     )
 
 
@@ -356,3 +362,49 @@ def genea_compat(
         both = pooled["generated"][width], pooled["truth"][width]
         total[f"hellinger_{width}"] = genea.hellinger_distance(*both) if np.ndim(both[0]) else NAN
     return rows, total
+
+
+# --- what was achieved of control ---------------------------------------------------------------------------
+
+# Of `control_cells`: the columns of the paper's table 2 (Habibie et al. 2022), then ours.
+CONTROL_HEADINGS = ("measure", "hand", "when", "asked", "mean", "deviation", "inside", "reference")
+
+
+def demands_of(trace: Mapping) -> tuple[Demand, ...]:
+    """What was demanded of the hands, as a trace tells it; nothing where it tells nothing."""
+    free = {"low": -math.inf, "high": math.inf}
+    return tuple(
+        Demand(**{name: free[name] if value is None else value for name, value in row.items()})
+        for row in trace.get("control", ())
+    )
+
+
+def hand_curves(joints: Joints, config: Config) -> Measures:
+    """Every measure of the hands in every frame of a motion, as the nodes of a library are measured."""
+    return hands.of_positions(joints.relative, joints.names, (0,), joints.fps, config.control)
+
+
+def measure_control(
+    demands: Sequence[Demand], shown: Measures, recorded: Measures, fps: float
+) -> list[dict[str, str | float | int | bool | None]]:
+    """What was achieved of each demand, ready for JSON: `Achieved` with its times in seconds.
+
+    shown, recorded : the measures in the frames of the output and in the nodes of the references
+    """
+    rows = [one.row() for one in achieved(demands, shown, recorded)]
+    return [row | {"from": row["start_frame"] / fps, "to": row["end_frame"] / fps} for row in rows]
+
+
+def control_cells(row: Mapping) -> list[str]:
+    """One row of `measure_control` as text, a cell for each of `CONTROL_HEADINGS`."""
+    unit = UNITS[row["measure"]]
+    bounds = [
+        f"{words} {row[name]:.1f} {unit}"
+        for name, words in (("at_least", "at least"), ("at_most", "at most"))
+        if row[name] is not None
+    ]
+    return [
+        row["measure"], row["hand"], f"{row['from']:.2f}-{row['to']:.2f} s",
+        " and ".join(bounds) + ("" if row["hard"] else " (soft)"), f"{row['mean']:.1f}", f"{row['deviation']:.1f}",
+        f"{row['inside']:.0%}", f"{row['reference_mean']:.1f} ± {row['reference_deviation']:.1f}",
+    ]  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 from gesturegen import __version__, files, keynodes
 from gesturegen.clips import Speech
 from gesturegen.config import Config
+from gesturegen.control.schedule import Demand
 from gesturegen.errors import DataError
 from gesturegen.graph.reference_frames import ReferenceFrames
 from gesturegen.keynodes import KeyNodes
@@ -25,6 +27,8 @@ LARGEST_TURN_DEGREES_PER_SECOND = 2700.0
 # Below this nothing moves: a written file has six decimals.
 STILL_DEGREES, STILL_DISTANCE = 1e-3, 1e-5
 STILL_SECONDS = 1.0
+# Before the name of a gesture of a library (`control.gestures`) among the references of a trace.
+GESTURE_PREFIX = "gesture:"
 
 
 def make_trace(
@@ -64,6 +68,7 @@ def make_trace(
             "end_kind": stuck.end_kind,
             "keyword": stuck.keyword,
         },
+        "control": [describe_demand(demand) for demand in path.demands],
         "tracks": [_describe_track(track, graph, config) for track in path.tracks[1:]],
         "notes": list(path.notes),
     }
@@ -95,6 +100,11 @@ def read_trace_if_current(folder: Path, name: str, inputs: str) -> dict | None:
         return trace if trace["inputs"] == inputs and trace["bvh_sha256"] == digest else None
     except (DataError, KeyError, TypeError):
         return None
+
+
+def describe_demand(demand: Demand) -> dict:
+    """As JSON can hold it: None for a bound that was not asked for."""
+    return {name: None if value in (-math.inf, math.inf) else value for name, value in vars(demand).items()}
 
 
 def _describe_track(track: Track, graph: ReferenceFrames, config: Config) -> dict:
@@ -163,12 +173,13 @@ def shown_nodes(trace: Mapping) -> np.ndarray:
 
 
 def shown_clips(trace: Mapping) -> list[str]:
-    """The reference clips of which anything is shown, in any track."""
+    """The reference clips of which anything is shown, in any track; gestures of a library are none."""
     starts = [reference["start_node"] for reference in trace["references"]]
     pieces = [piece for track in (trace, *trace.get("tracks", [])) for piece in track["pieces"]]
     nodes = np.concatenate([piece["nodes"] for piece in pieces]) if pieces else np.empty(0)
     shown = np.unique(np.searchsorted(starts, nodes, side="right") - 1)
-    return sorted({trace["references"][clip]["clip"] for clip in shown})
+    names = {trace["references"][clip]["clip"] for clip in shown}
+    return sorted(name for name in names if not name.startswith(GESTURE_PREFIX))
 
 
 def manifest(results: Iterable[Mapping], config: Config, folder: Path, variant: int = 1) -> dict:

@@ -341,9 +341,12 @@ class Objective:
 
     A path is a list of nodes for every target. Prices come as (term, cost) rows, nothing is looked up but the
     graph's positions, segments, edges, key nodes and states.
+
+    control : the price of a frame that shows a node, and that of one that holds it, as functions of (frame, node)
     """
 
-    def __init__(self, graph, targets, speaking, config):
+    def __init__(self, graph, targets, speaking, config, control=None):
+        self.control = control
         self.settings, self.targets, self.speaking = config.global_search, targets, speaking
         self.n_nodes = graph.n_nodes
         self.resting = {node for node in range(graph.n_nodes) if not graph.speaking[node]}
@@ -375,19 +378,27 @@ class Objective:
         return range(shortest, max(math.floor(high), target.length + slack) + 1)
 
     def speaks(self, target, k: int) -> bool:
-        return bool(self.speaking[target.start_frame + min(k, target.length - 1)])
+        return bool(self.speaking[self.frame(target, k)])
 
-    def held(self, node: int, speaks: bool) -> tuple[str, float]:
-        resting = node in self.resting and not speaks
-        return "held", self.settings.lambda_rest if resting else self.settings.lambda_hold
+    def held(self, node: int, frame: int) -> list[tuple[str, float]]:
+        resting = node in self.resting and not self.speaking[frame]
+        rows = [("held", self.settings.lambda_rest if resting else self.settings.lambda_hold)]
+        if self.control is not None:
+            shown, held = (price(frame, node) for price in self.control)
+            rows.append(("control", max(held - shown, 0.0)))
+        return rows
+
+    def frame(self, target, k: int) -> int:
+        return target.start_frame + min(k, target.length - 1)
 
     def shown(self, target, k: int, node: int):
-        return [("state", self.settings.lambda_state)] if self.speaks(target, k) == (node in self.resting) else []
+        rows = [("state", self.settings.lambda_state)] if self.speaks(target, k) == (node in self.resting) else []
+        return rows if self.control is None else [*rows, ("control", self.control[0](self.frame(target, k), node))]
 
     def step(self, target, k: int, node: int, other: int):
         """From the k-th node of a piece to the next."""
         if other == node:
-            return [self.held(node, self.speaks(target, k + 1))]
+            return self.held(node, self.frame(target, k + 1))
         rows = []
         if other != self.onwards(node):
             rows.append(("edges", self.settings.lambda_w * self.edges[node, other]))
@@ -410,7 +421,7 @@ class Objective:
     def join(self, node: int, other: int, frame: int):
         """From the last node of a piece to the first of the next, which begins at `frame`."""
         rows = [("joins", self.settings.lambda_join * self.distances[self.onwards(node)][other])]
-        return rows + ([self.held(node, bool(self.speaking[frame]))] if other == node == self.last[node] else [])
+        return rows + (self.held(node, frame) if other == node == self.last[node] else [])
 
     def cost(self, path, used=None, entering=None, before: int = -1, after: int = -1) -> dict[str, float]:
         """A complete path's cost by term, and `total`, their sum.
@@ -437,6 +448,7 @@ class Objective:
         for one, other in itertools.combinations(stays, 2):
             rows += [("repeats", self.settings.lambda_repeat)] if one == other else []
         names = "edges", "length", "passed", "state", "held", "end", "keyword", "joins", "repeats", "used", "entering"
+        names += ("control",) if self.control is not None else ()
         terms = {name: float(sum(price for term, price in rows if term == name)) for name in names}
         return terms | {"total": sum(terms.values())}
 
@@ -535,3 +547,65 @@ def viterbi(data, edges, missing: float, reuse: float, twins, weight: float) -> 
         ways = further
     totals = [total for total, _ in ways]
     return ways[totals.index(min(totals))][1], min(totals)
+
+
+# --- k-NN motion matching (Habibie et al. 2022, §3.1) ---------------------------------------------------------
+
+
+def euclidean_distance(left, right) -> float:
+    steps = np.asarray(left, dtype=np.float64) - np.asarray(right, dtype=np.float64)
+    return math.sqrt(np.cumsum(steps * steps)[-1]) if len(steps) else 0.0
+
+
+def cosine_distance(left, right) -> float:
+    """1 - cos, at least 0, and 1 where one of them is (all but) zero."""
+    left, right = np.asarray(left, dtype=np.float64), np.asarray(right, dtype=np.float64)
+    if len(left) == 0:
+        return 1.0
+    product, of_left, of_right = (float(np.cumsum(terms)[-1]) for terms in (left * right, left**2, right**2))
+    if of_left < 1e-30 or of_right < 1e-30:
+        return 1.0
+    return max(1.0 - product / math.sqrt(of_left * of_right), 0.0)
+
+
+def match(base, clip, first_pose, step: int, settings, allowed=None, prices=None):
+    """For one clip: per step (j, sequence, pose rank, audio rank, pose distance, audio distance), and where it failed.
+
+    base : pose, audio, starts, stops, valid; allowed, prices : None or one array or None per step
+    """
+    pose = first_pose
+    steps = []
+    for number, sound in enumerate(clip):
+        mask = None if allowed is None else allowed[number]
+        price = None if prices is None else prices[number]
+        offered = []
+        for sequence, (start, stop) in enumerate(zip(base.starts.tolist(), base.stops.tolist(), strict=True)):
+            best = None
+            for j in range(start, stop):
+                if not base.valid[j] or (mask is not None and not (mask[j + 1] and mask[j + step])):
+                    continue
+                if settings.preselect == "pose":
+                    apart = euclidean_distance(base.pose[j], pose)
+                else:
+                    apart = cosine_distance(base.audio[j + 1], sound)
+                if best is None or apart < best[0]:
+                    best = apart, j
+            if best is not None:
+                j = best[1]
+                apart = euclidean_distance(base.pose[j], pose), cosine_distance(base.audio[j + 1], sound)
+                offered.append((sequence, j, *apart))
+        if not offered:
+            return steps, number
+        by_pose = sorted(offered, key=lambda one: (one[2], one[0]))
+        by_audio = sorted(offered, key=lambda one: (one[3], one[0]))
+        ways = []
+        for one in offered:
+            ranks = by_pose.index(one), by_audio.index(one)
+            cost = ranks[0] + ranks[1] if settings.use_audio else ranks[0]
+            if price is not None:
+                cost = cost + (price[one[1] + 1] + price[one[1] + step]) * len(offered)
+            ways.append((cost, ranks[0], ranks[1], one))
+        _, pose_rank, audio_rank, (sequence, j, *apart) = sorted(ways)[min(settings.k, len(ways)) - 1]
+        steps.append((j, sequence, pose_rank, audio_rank, *apart))
+        pose = base.pose[j + step]
+    return steps, None

@@ -57,6 +57,20 @@ def test_the_defaults_of_gesture_master_are_its_papers():
     assert sorted(prices, reverse=True) == list(prices) and config.lambda_reuse == config.lambda_kind
 
 
+def test_the_defaults_of_motion_matching_are_its_papers():
+    config = load_config()
+    acoustics, matching, refiner = config.acoustics, config.motion_matching, config.refiner
+    # The paper counts frames at 15 per second.
+    assert [round(15 * seconds, 9) for seconds in (matching.sequence_seconds, matching.step_seconds)] == [64, 8]
+    assert (acoustics.rate, acoustics.coefficients, matching.k, matching.preselect) == (15, 13, 1, "pose")
+    assert (matching.audio_values, round(15 * matching.audio_interval_seconds, 9)) == (8, 2)
+    assert (matching.pose_values, round(15 * matching.pose_interval_seconds, 9)) == (4, 1)
+    assert len(matching.joints) == len(set(matching.joints)) == 8 and matching.start == "random"
+    assert (refiner.w_reconstruction, refiner.w_adversarial, refiner.w_penalty) == (0.1, 1, 100)
+    assert (refiner.learning_rate, refiner.iterations, refiner.furthest_k) == (1e-4, 300_000, 15)
+    assert round(15 * refiner.stride_seconds, 9) == 5 and not config.refine and not acoustics.enabled
+
+
 def test_a_file_changes_only_what_it_names(load):
     config = load("continuity:\n  l_pn: 3\nseed: 7\n")
     assert (config.continuity.l_pn, config.continuity.l_cn, config.seed) == (3, 5, 7)
@@ -89,9 +103,10 @@ def test_a_config_is_frozen():
 
 def test_every_config_that_comes_with_gesturegen_loads():
     paths = sorted(configs_folder().glob("*.yaml"))
-    # A list of words, and plans of runs.
+    # A list of words, a schedule of what hands are to do, and plans of runs.
     others = {
-        "keywords.yaml", "ablation.yaml", "comparison.yaml", "reference_length.yaml", "gesture_master_ablation.yaml",
+        "keywords.yaml", "control.yaml", "ablation.yaml", "compare.yaml", "comparison.yaml", "reference_length.yaml",
+        "gesture_master_ablation.yaml",
     }  # fmt: skip
     assert others <= {path.name for path in paths}
     for path in paths:
@@ -243,6 +258,62 @@ REFUSED = {
         4,
         r"gesture_master\.joint_pairs\.1\.1: missing",
     ),
+    "matching without sound": (
+        "seed: 1\nmethod: motion_matching",
+        2,
+        r"method: motion_matching needs acoustics\.enabled: true, which measures the sound",
+    ),
+    "a rate that is no part of the sample rate": (
+        "seed: 1\nacoustics:\n  rate: 16",
+        2,
+        r"acoustics: sample_rate must be a multiple of rate",
+    ),
+    "a given start without a pose": (
+        "motion_matching:\n  start: given",
+        1,
+        r"motion_matching: start: given goes with start_pose, .* such as trn_000@12\.30",
+    ),
+    "a pose for another start": (
+        "seed: 1\nmotion_matching: {start: mean, start_pose: a@1}",
+        2,
+        r"motion_matching: start: given goes with start_pose",
+    ),
+    "unknown key of motion_matching": (
+        "motion_matching:\n  k: 2\n  preselct: audio",
+        3,
+        r"unknown key 'motion_matching\.preselct'; did you mean 'preselect'\?",
+    ),
+    "all held out": (
+        "refiner:\n  held_out_share: 1.0",
+        2,
+        r"refiner\.held_out_share: found 1\.0, allowed: less than 1",
+    ),
+    "no such device": (
+        "refiner:\n  device: gpu",
+        2,
+        r"refiner\.device: found \"gpu\", allowed: 'auto', 'cpu' or 'cuda'",
+    ),
+    "no such baseline": (
+        "method: baseline\nbaseline: still",
+        2,
+        r"baseline: found \"still\", allowed: 'random_stretch' or 'mismatched'",
+    ),
+    "control of the beam": (
+        "seed: 1\ncontrol:\n  conditions:\n  - {measure: height, at_least: 5}",
+        2,
+        r"control: control of the hands needs search: global or method: motion_matching; choose one of them",
+    ),
+    "control of gesture_master": (
+        "method: gesture_master\nsearch: global\nprosody: {enabled: true}\n"
+        "control: {conditions: [{measure: height, at_least: 5}]}",
+        4,
+        r"control: control of the hands needs search: global or method: motion_matching",
+    ),
+    "conditions that overlap in the config": (
+        "search: global\ncontrol:\n  conditions:\n  - {measure: height, at_least: 5}\n  - {measure: height, at_most: 9}",
+        5,
+        r"control\.conditions\.1: conditions 1 and 2 overlap from 0 s on",
+    ),
     "key twice": ("seed: 1\nfps: 30\nseed: 2", 3, "key 'seed' stands twice, first in line 1"),
     "key twice in a section": ("beam:\n  l_npaths: 1\n  l_npaths: 2", 3, "key 'l_npaths' stands twice"),
     "a key YAML reads as false": ("keywords:\n  words:\n    no: nope", 3, "key False is read by YAML as a bool"),
@@ -333,6 +404,8 @@ def test_set_forms(override, get, value):
         ("wrists.window=4", "^--set: wrists: window must be odd"),
         ("seed.x=1", "^--set: seed: "),
         ("method=gesture_master", r"^--set: method: .* needs prosody\.enabled: true"),
+        ("method=motion_matching", r"^--set: method: .* needs acoustics\.enabled: true"),
+        ("control.conditions=[{measure: speed, at_most: 9}]", "^--set: control: .* needs search: global or method:"),
         ("keywords.words={no: nope}", "key False"),
         ("beam={l_npaths: 3, l_npaths: 4}", "stands twice"),
     ],
@@ -614,12 +687,21 @@ ANOTHER = {
     "gesture_master.upper.delta_quantile": 0.5,
     "gesture_master.lower.delta_quantile": 0.5,
     "gesture_master.time_scale.max": 1.5,
+    "acoustics.sample_rate": 44100,
+    "acoustics.rate": 25,
+    "motion_matching.start": "mean",
+    "motion_matching.start_pose": "a@2",
+    "control.conditions": [{"measure": "height", "at_least": 5}],
+    "control.gestures": [{"at": 1, "gesture": "a"}],
+    "refiner.learning_rate": 0.001,
 }
 # What a setting needs beside it, before and after its change.
 BESIDE = {
     "method": ["prosody.enabled=true"],
     "gesture_master.upper.delta_quantile": ["gesture_master.upper={delta_t: null, delta_quantile: 0.25}"],
     "gesture_master.lower.delta_quantile": ["gesture_master.lower={delta_t: null, delta_quantile: 0.25}"],
+    "motion_matching.start_pose": ["motion_matching={start: given, start_pose: a@1}"],
+    "control.conditions": ["search=global"],
 }
 
 
@@ -642,6 +724,7 @@ def another(key, default, annotation):
 PLACES = {
     "paths.data", "paths.work", "data.references", "data.tests", "keywords.file",
     "gesture_master.rhythm.corrections_file", "gesture_master.style.targets_file",
+    "control.file", "control.library", "refiner.checkpoint",
 }  # fmt: skip
 SETTINGS = [leaf for leaf in leaves() if leaf[0] not in PLACES]
 
@@ -661,6 +744,8 @@ def test_the_signature_does_not_depend_on_where_files_are(load, tmp_path):
     assert re.fullmatch(r"[0-9a-f]{12}", default)
     assert load("paths: {data: /somewhere, work: /else}\n").signature() == default
     assert load("data: {references: /somewhere, tests: /else}\n").signature() == default
+    # What these hold is in the hash of every result (`inputs`).
+    assert load("control: {library: /somewhere}\nrefiner: {checkpoint: /else.pt}\n").signature() == default
     copy = tmp_path / "copy.yaml"
     copy.write_text((configs_folder() / "keywords.yaml").read_text())
     assert load("keywords: {file: copy.yaml}\n").signature() == default

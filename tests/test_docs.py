@@ -18,6 +18,12 @@ TOP = Path(__file__).parent.parent
 README = (TOP / "README.md").read_text()
 PAPER = TOP / "configs/casia_go_2023.yaml"
 GESTURE_MASTER = TOP / "configs/gesture_master_2022.yaml"
+MOTION_MATCHING = TOP / "configs/motion_matching_2022.yaml"
+# Settings that are spelled out in the config of the one method that has them.
+OWN = {
+    GESTURE_MASTER: ("gesture_master",),
+    MOTION_MATCHING: ("acoustics", "motion_matching", "refine", "refiner"),
+}
 
 
 @pytest.mark.parametrize("name", sorted(main.commands))
@@ -53,6 +59,9 @@ def test_every_make_target_of_the_readme_exists():
 def test_every_yaml_loads(path):
     if path.name == "keywords.yaml":
         assert load_config(None, [f"keywords.file={path}"]).keywords.words == yaml.safe_load(path.read_text())
+    elif path.name == "control.yaml":
+        control = load_config(None, [f"control.file={path}", "search=global"]).control
+        assert len(control.conditions) == len(yaml.safe_load(path.read_text())["conditions"])
     elif path.parent.parent == TOP / "configs":  # of a plan, and may need what its base says
         assert load_plan(path.parent.with_suffix(".yaml")).setups
     elif "setups" in (plan := yaml.safe_load(path.read_text()) or {}):
@@ -87,10 +96,13 @@ def values(sections, prefix="") -> dict:
 
 
 def test_the_papers_configs_spell_out_every_setting():
-    written = {path: values(yaml.safe_load(path.read_text())) for path in (PAPER, GESTURE_MASTER)}
-    own = [key for key in keys(Config) if key.startswith("gesture_master.")]
-    assert [key for key in keys(Config) if key not in written[PAPER]] == own
-    assert [key for key in written[GESTURE_MASTER] if key.startswith("gesture_master.")] == own
+    written = {path: values(yaml.safe_load(path.read_text())) for path in (PAPER, *OWN)}
+    elsewhere = []
+    for path, sections in OWN.items():
+        own = [key for key in keys(Config) if key.split(".")[0] in sections]
+        assert sorted(key for key in written[path] if key.split(".")[0] in sections) == sorted(own), path
+        elsewhere += own
+    assert [key for key in keys(Config) if key not in written[PAPER]] == sorted(elsewhere, key=keys(Config).index)
 
 
 def test_the_gesture_master_config_changes_the_method_alone():
@@ -108,7 +120,18 @@ def test_the_gesture_master_config_changes_the_method_alone():
         assert {key for key in keys(Config) if key.startswith(f"{section}.")} <= set(written)
 
 
-@pytest.mark.parametrize("path", [PAPER, GESTURE_MASTER], ids=lambda path: path.name)
+def test_the_motion_matching_config_changes_the_method_alone():
+    written = values(yaml.safe_load(MOTION_MATCHING.read_text()))
+    default = values(json.loads(Config().model_dump_json(by_alias=True)))
+    assert {key: value for key, value in written.items() if value != default[key]} == {
+        "method": "motion_matching",
+        "references.mode": "all",
+        "acoustics.enabled": True,
+        "blend.l_blend": 4,
+    }
+
+
+@pytest.mark.parametrize("path", [PAPER, *OWN], ids=lambda path: path.name)
 def test_every_setting_has_a_comment(path):
     lines = path.read_text().splitlines()
     for number, line in enumerate(lines):
@@ -129,6 +152,13 @@ def test_the_readme_names_every_measure_and_reference_mode():
         assert " ".join(bare) in table, measure.heading
     for mode in ("per_test_clip", "k", "speaker", "all", "list"):
         assert f"| `{mode}` |" in README
+
+
+def test_the_readme_names_every_array_of_a_matching_database():
+    from gesturegen.matching.database import MatchingDatabase
+
+    for name in MatchingDatabase.__dataclass_fields__:
+        assert re.search(rf"`{name}[ `(]", README) or name == "key_nodes", name
 
 
 def test_help_is_quick_to_import():

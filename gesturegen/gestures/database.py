@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from gesturegen import files
-from gesturegen.clips import check_settings
 from gesturegen.config import Config, UpperBody
 from gesturegen.errors import DataError
 from gesturegen.gestures import fingers, style, transitions
 from gesturegen.gestures.extraction import BODIES, Gestures, as_borders
+from gesturegen.graph import reference_frames
 from gesturegen.graph.reference_frames import ReferenceFrames
 from gesturegen.keynodes import KeyNodes
 from gesturegen.randomness import generator
@@ -292,48 +291,11 @@ def build(parts: Sequence[Gestures], described: dict, config: Config) -> Gesture
 
 
 def save(path: str | Path, database: GestureDatabase, config: Config, clip_digests: Sequence[str] = ()) -> None:
-    """Store a database as `.npz` (README, file formats); see `motion_graph.save`."""
-    arrays = {
-        field.name: np.array(getattr(database, field.name)) if field.type != "KeyNodes" else None
-        for field in fields(database)
-    }
-    del arrays["key_nodes"]
-    files.write_arrays(
-        path,
-        {
-            "format_version": np.array(FORMAT_VERSION),
-            "config": np.array(config.section_json(*SETTINGS)),
-            "clip_digests": np.array(clip_digests, dtype=str),
-            **arrays,
-            "key_frames": database.key_nodes.frames,
-            "key_kinds": database.key_nodes.kinds,
-            "key_words": database.key_nodes.keywords,
-        },
-    )
+    """Store it, with the settings that it depends on (`reference_frames.save`)."""
+    reference_frames.save(path, database, FORMAT_VERSION, config.section_json(*SETTINGS), clip_digests)
 
 
 def load(path: str | Path, config: Config | None = None, clip_digests: Sequence[str] | None = None) -> GestureDatabase:
-    """Map a stored database into memory; DataErrors as by `motion_graph.load`."""
-    path = Path(path)
-    if not path.is_file():
-        raise DataError(f"{path}: this gesture database has not been built; run `gesturegen build-graph` first")
-    stored = files.map_arrays(path)
-    try:
-        if stored["format_version"] != FORMAT_VERSION:
-            raise DataError(
-                f"{path}: format {stored['format_version']}, this version reads {FORMAT_VERSION}; run build-graph again"
-            )
-        if config is not None:
-            check_settings(path, str(stored["config"]), config.section_json(*SETTINGS), "build-graph")
-        if clip_digests is not None and list(clip_digests) != stored["clip_digests"].tolist():
-            raise DataError(f"{path}: its clips were preprocessed again since; run `gesturegen build-graph` again")
-        arrays = {field.name: stored[field.name] for field in fields(GestureDatabase) if field.type == "np.ndarray"}
-        return GestureDatabase(
-            **arrays,
-            joint_names=tuple(map(str, stored["joint_names"])),
-            fps=float(stored["fps"]),
-            clip_names=tuple(map(str, stored["clip_names"])),
-            key_nodes=KeyNodes(stored["key_frames"], stored["key_kinds"], stored["key_words"]),
-        )
-    except KeyError as error:
-        raise DataError(f"{path}: no array {error} in it; delete it and run build-graph again") from None
+    """Read a stored one; DataErrors as by `reference_frames.load`."""
+    settings = None if config is None else config.section_json(*SETTINGS)
+    return reference_frames.load(GestureDatabase, "gesture database", path, FORMAT_VERSION, settings, clip_digests)

@@ -9,13 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from gesturegen import files
-from gesturegen.clips import Reference, check_settings
+from gesturegen.clips import Reference
 from gesturegen.config import Config, Continuity
-from gesturegen.errors import DataError
-from gesturegen.graph import continuity, neighbours, pruning
+from gesturegen.graph import continuity, neighbours, pruning, reference_frames
 from gesturegen.graph.reference_frames import ReferenceFrames, describe, join, positions_of, require_one_skeleton
-from gesturegen.keynodes import KeyNodes
 
 FORMAT_VERSION = 2
 # Everything a stored graph depends on beyond its clips.
@@ -118,73 +115,11 @@ def from_positions(
 
 
 def save(path: str | Path, graph: MotionGraph, config: Config, clip_digests: Sequence[str] = ()) -> None:
-    """Store a graph as `.npz` (README, file formats).
-
-    clip_digests : SHA-256 of the stored clips it was built from, so that `load` can tell when they changed
-    """
-    files.write_arrays(
-        path,
-        {
-            "format_version": np.array(FORMAT_VERSION),
-            "config": np.array(config.section_json(*SETTINGS)),
-            "positions": graph.positions,
-            "joint_names": np.array(graph.joint_names),
-            "fps": np.array(graph.fps),
-            "clip_names": np.array(graph.clip_names),
-            "clip_digests": np.array(clip_digests, dtype=str),
-            "clip_starts": graph.clip_starts,
-            "source_frames": graph.source_frames,
-            "segment_starts": graph.segment_starts,
-            "indptr": graph.indptr,
-            "indices": graph.indices,
-            "weights": graph.weights,
-            "natural": graph.natural,
-            "thresholds": graph.thresholds,
-            "speaking": graph.speaking,
-            "near_nodes": graph.near_nodes,
-            "near_distances": graph.near_distances,
-            "key_frames": graph.key_nodes.frames,
-            "key_kinds": graph.key_nodes.kinds,
-            "key_words": graph.key_nodes.keywords,
-        },
-    )
+    """Store it, with the settings that it depends on (`reference_frames.save`)."""
+    reference_frames.save(path, graph, FORMAT_VERSION, config.section_json(*SETTINGS), clip_digests)
 
 
 def load(path: str | Path, config: Config | None = None, clip_digests: Sequence[str] | None = None) -> MotionGraph:
-    """Read a stored graph; DataError when it is missing or damaged.
-
-    Also, where they are given, when it was made with other settings or from clips with other digests.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise DataError(f"{path}: this graph has not been built; run `gesturegen build-graph` first")
-    stored = files.read_arrays(path)
-    try:
-        if stored["format_version"] != FORMAT_VERSION:
-            raise DataError(
-                f"{path}: format {stored['format_version']}, this version reads {FORMAT_VERSION}; run build-graph again"
-            )
-        if config is not None:
-            check_settings(path, str(stored["config"]), config.section_json(*SETTINGS), "build-graph")
-        if clip_digests is not None and list(clip_digests) != stored["clip_digests"].tolist():
-            raise DataError(f"{path}: its clips were preprocessed again since; run `gesturegen build-graph` again")
-        return MotionGraph(
-            **{name: stored[name] for name in (
-                "positions", "clip_starts", "source_frames", "segment_starts", "indptr", "indices", "weights",
-                "natural", "thresholds", "speaking", "near_nodes", "near_distances",
-            )},
-            joint_names=tuple(map(str, stored["joint_names"])),
-            fps=float(stored["fps"]),
-            clip_names=tuple(map(str, stored["clip_names"])),
-            key_nodes=KeyNodes(stored["key_frames"], stored["key_kinds"], stored["key_words"]),
-        )  # fmt: skip
-    except KeyError as error:
-        raise DataError(f"{path}: no array {error} in it; delete it and run build-graph again") from None
-
-
-def load_if_current(path: str | Path, config: Config, clip_digests: Sequence[str]) -> MotionGraph | None:
-    """The stored graph when it was made from these clips with these settings; else None."""
-    try:
-        return load(path, config, clip_digests)
-    except DataError:
-        return None
+    """Read a stored one; DataErrors as by `reference_frames.load`."""
+    settings = None if config is None else config.section_json(*SETTINGS)
+    return reference_frames.load(MotionGraph, "graph", path, FORMAT_VERSION, settings, clip_digests, mapped=False)

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
-from gesturegen.clips import Reference, select_joints
+from gesturegen import files
+from gesturegen.clips import Reference, check_settings, select_joints
 from gesturegen.config import Config, Continuity
 from gesturegen.errors import DataError
 from gesturegen.graph import continuity
@@ -100,6 +102,25 @@ class ReferenceFrames:
         return continuity.pose_distances(poses, speeds, pairs, pairs + len(lefts), settings)
 
 
+@dataclass(frozen=True, eq=False)
+class ExtendedFrames(ReferenceFrames):
+    """Frames of a library of any kind with those of further clips after them.
+
+    mirrored : bool [shape=(C,)], which clips are mirrored copies
+    """
+
+    mirrored: np.ndarray
+
+    @property
+    def n_unnatural_edges(self) -> float:
+        """They are the library's, and not known here."""
+        return float("nan")
+
+    @property
+    def clips(self) -> tuple[tuple[str, bool], ...]:
+        return tuple(zip(self.clip_names, self.mirrored.tolist(), strict=True))
+
+
 def require_one_skeleton(references: Sequence[Reference]) -> Skeleton:
     """The skeleton of all references; DataError when they differ."""
     first = references[0]
@@ -154,3 +175,63 @@ def join(described: Sequence[dict]) -> dict:
             np.concatenate([own.keywords for own in nodes]),
         ),
     }
+
+
+# --- files --------------------------------------------------------------------------------------------------
+
+
+def save(
+    path: str | Path, library: ReferenceFrames, version: int, settings: str, clip_digests: Sequence[str] = ()
+) -> None:
+    """Store what a method searches as `.npz` (README, file formats).
+
+    version : of the format; settings : JSON of all that it depends on
+    clip_digests : SHA-256 of the stored clips it was built from, so that `load` can tell when they changed
+    """
+    values = {field.name: getattr(library, field.name) for field in fields(library)}
+    nodes = values.pop("key_nodes")
+    files.write_arrays(
+        path,
+        {
+            "format_version": np.array(version),
+            "config": np.array(settings),
+            "clip_digests": np.array(clip_digests, dtype=str),
+            **{name: np.asarray(value) for name, value in values.items()},
+            "key_frames": nodes.frames,
+            "key_kinds": nodes.kinds,
+            "key_words": nodes.keywords,
+        },
+    )
+
+
+def load(
+    kind: type[ReferenceFrames], what: str, path: str | Path, version: int, settings: str | None = None,
+    clip_digests: Sequence[str] | None = None, mapped: bool = True,
+) -> ReferenceFrames:  # fmt: skip
+    """Read what `save` stored, large arrays as maps of the file unless not `mapped`; DataError when it is missing, damaged or of another version.
+
+    Also, where they are given, when it was made with other settings or from clips with other digests.
+    what : what a message calls it
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise DataError(f"{path}: this {what} has not been built; run `gesturegen build-graph` first")
+    stored = files.map_arrays(path) if mapped else files.read_arrays(path)
+    try:
+        if stored["format_version"] != version:
+            raise DataError(
+                f"{path}: format {stored['format_version']}, this version reads {version}; run build-graph again"
+            )
+        if settings is not None:
+            check_settings(path, str(stored["config"]), settings, "build-graph")
+        if clip_digests is not None and list(clip_digests) != stored["clip_digests"].tolist():
+            raise DataError(f"{path}: its clips were preprocessed again since; run `gesturegen build-graph` again")
+        return kind(
+            **{field.name: stored[field.name] for field in fields(kind) if field.type == "np.ndarray"},
+            joint_names=tuple(map(str, stored["joint_names"])),
+            fps=float(stored["fps"]),
+            clip_names=tuple(map(str, stored["clip_names"])),
+            key_nodes=KeyNodes(stored["key_frames"], stored["key_kinds"], stored["key_words"]),
+        )
+    except KeyError as error:
+        raise DataError(f"{path}: no array {error} in it; delete it and run build-graph again") from None

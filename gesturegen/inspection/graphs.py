@@ -12,6 +12,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from gesturegen.graph.motion_graph import MotionGraph
+from gesturegen.graph.reference_frames import ReferenceFrames
+from gesturegen.matching.database import MatchingDatabase
 
 _QUANTILES = (0.0, 0.25, 0.5, 0.75, 1.0)
 
@@ -58,7 +60,39 @@ def describe_graph(graph: MotionGraph) -> dict:
     }
 
 
-def _describe_clips(graph: MotionGraph) -> list[dict]:
+def describe_frames(library: ReferenceFrames) -> dict:
+    """What is to be said of any library, ready for JSON: of motion matching and of baselines it is all."""
+    kinds = Counter(library.key_nodes.kinds.tolist())
+    sequences = len(library.sequence_starts) if isinstance(library, MatchingDatabase) else None
+    return {
+        "clips": _describe_clips(library),
+        "frames": library.n_nodes,
+        "seconds": library.n_nodes / library.fps,
+        "fps": library.fps,
+        "joints": len(library.joint_names),
+        "segments": len(library.segment_starts),
+        "sequences": sequences,
+        "features": None if sequences is None else {"pose": library.pose.shape[1], "audio": library.audio.shape[1]},
+        "key_nodes": {kind: kinds.get(kind, 0) for kind in ("onset", "keyword", "break")},
+    }
+
+
+def frames_lines(facts: Mapping) -> list[str]:
+    """The facts of `describe_frames`, a line each."""
+    lines = [
+        f"clip {clip['clip']}: {clip['frames']} frames from node {clip['start_node']} ({clip['seconds']:.1f} s)"
+        for clip in facts["clips"]
+    ]
+    lines.append(f"{facts['frames']} frames, {facts['joints']} joints, {facts['segments']} segments")
+    if facts["sequences"] is not None:
+        features = facts["features"]
+        lines.append(
+            f"{facts['sequences']} sequences; features: {features['pose']} of pose, {features['audio']} of sound"
+        )
+    return lines
+
+
+def _describe_clips(graph: ReferenceFrames) -> list[dict]:
     ends = np.append(graph.clip_starts[1:], graph.n_nodes)
     return [
         {

@@ -8,10 +8,12 @@ from itertools import pairwise
 
 import numpy as np
 
+from gesturegen.control.measures import UNITS
 from gesturegen.gestures.database import GestureDatabase
 from gesturegen.gestures.extraction import BODIES
 from gesturegen.graph.reference_frames import ReferenceFrames
 from gesturegen.inspection.graphs import count
+from gesturegen.submission import GESTURE_PREFIX
 
 _HEADINGS = ("time", "frames", "length", "ends at", "nodes", "source frames", "join", "cost", "retries", "notes")
 _FIGURES = (0, 2, 6, 7, 8)
@@ -46,6 +48,7 @@ def describe_trace(trace: Mapping, library: ReferenceFrames | None = None) -> di
         "key_nodes": dict(sorted(kinds.items())),
         **_figures_of(trace),
         "objective": trace.get("objective"),
+        "control": trace.get("control", []),
         "notes": trace.get("notes", []),
     }
     return {"header": header, "pieces": _describe_pieces(trace, trace, library), "tracks": tracks}
@@ -53,10 +56,14 @@ def describe_trace(trace: Mapping, library: ReferenceFrames | None = None) -> di
 
 def is_of(trace: Mapping, library: ReferenceFrames) -> bool:
     """Whether a trace was found in `library`, as far as the clips and nodes that it names tell."""
-    named = [(one["clip"], _is_mirrored(one), one["start_node"]) for one in trace["references"]]
+    # Gestures of a folder come after the clips of the library.
+    own = [one for one in trace["references"] if not one["clip"].startswith(GESTURE_PREFIX)]
+    named = [(one["clip"], _is_mirrored(one), one["start_node"]) for one in own]
     held = [(*clip, start) for clip, start in zip(library.clips, np.asarray(library.clip_starts).tolist(), strict=True)]
     pieces = [piece for track in (trace, *trace.get("tracks", ())) for piece in track["pieces"]]
-    if named != held or any(max(piece["nodes"]) >= library.n_nodes for piece in pieces):
+    if named != held or any(
+        max(piece["nodes"]) >= library.n_nodes for piece in pieces if piece["end_kind"] != "gesture"
+    ):
         return False
     return not isinstance(library, GestureDatabase) or all(_gesture(piece, library) is not None for piece in pieces)
 
@@ -135,6 +142,7 @@ def trace_lines(facts: Mapping) -> list[str]:
         f"version {header['version']}",
         f"graph: {header['graph']}, of {_references(header)}",
         *(_body_lines(facts) if by_body else _search_lines(facts)),
+        *(_demand(demand, header["fps"]) for demand in header["control"]),
         *(f"note: {note}" for note in header["notes"]),
     ]
     if header["failure"]:
@@ -163,6 +171,21 @@ def _search_lines(facts: Mapping) -> list[str]:
         f"{count(len(facts['pieces']), 'piece')}, {count(header['hard_joins'], 'hard join')}, "
         f"{header['retries']} retries, fallbacks: {_fallbacks(header)}",
     ]
+
+
+def _demand(demand: Mapping, fps: float) -> str:
+    """What a condition asks of the hands in this clip."""
+    unit = UNITS[demand["measure"]]
+    bounds = [
+        f"{words} {demand[name]:.1f} {unit}"
+        for name, words in (("low", "at least"), ("high", "at most"))
+        if demand[name] is not None
+    ]
+    how = "hard" if demand["hard"] else f"soft, price {demand['price']:g} for {demand['scale']:.1f} {unit}"
+    return (
+        f"condition {demand['place']}: {demand['measure']} ({demand['hand']}) {' and '.join(bounds)} "
+        f"from {demand['start_frame'] / fps:.2f} to {demand['end_frame'] / fps:.2f} s, {how}"
+    )
 
 
 def _body_lines(facts: Mapping) -> list[str]:

@@ -10,11 +10,17 @@ from gesturegen import files
 from gesturegen.errors import DataError
 from gesturegen.gestures.database import GestureDatabase
 from gesturegen.graph.motion_graph import MotionGraph
-from gesturegen.methods import gesture_master, motion_graph
+from gesturegen.methods import baseline, gesture_master, motion_graph, motion_matching
 
-METHODS = {"motion_graph": motion_graph, "gesture_master": gesture_master}
-# An array that tells the library of a method from that of another, and one that tells it from a part of one.
-_MARKS = {"indptr": motion_graph, "rhythms": gesture_master}
+METHODS = {
+    "motion_graph": motion_graph, "gesture_master": gesture_master, "motion_matching": motion_matching,
+    "baseline": baseline,
+}  # fmt: skip
+# An array that tells the library of a method from that of another, and one that tells it from a part of one. What a
+# baseline has, all have: it comes last.
+_MARKS = {
+    "indptr": motion_graph, "rhythms": gesture_master, "sequence_starts": motion_matching, "clip_starts": baseline,
+}  # fmt: skip
 _WHOLE = "format_version"
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from gesturegen import keynodes
 from gesturegen.clips import Speech
 from gesturegen.config import Config
+from gesturegen.control import hands, schedule
 from gesturegen.graph.motion_graph import SETTINGS, MotionGraph, build, load, save
 from gesturegen.search import beam, global_search
 from gesturegen.search.fallback import StopNodes
@@ -54,12 +55,30 @@ def _search(
         used = np.zeros(graph.n_nodes)
         for path in earlier:
             used[path.tracks[0].nodes] += config.global_search.lambda_variant
-        result = global_search.search(graph, cuts, keynodes.speaking(speech, config.pauses), config, used)
-        return Path((Track(result.pieces),), objective={"first": result.first, "final": result.final})
+        demands, control = _control(graph, speech, config)
+        result = global_search.search(graph, cuts, keynodes.speaking(speech, config.pauses), config, used, control)
+        objective = {"first": result.first, "final": result.final}
+        return Path((Track(result.pieces),), objective=objective, demands=demands)
     wanted = keynodes.speech_features(
         key_nodes, np.array([cut.start_frame for cut in cuts]), speech.n_frames, config.features
     )
     return _search_by_pieces(graph, cuts, wanted, config, rng, earlier)
+
+
+def _control(graph: MotionGraph, speech: Speech, config: Config) -> tuple:
+    """What is demanded of the hands, and the prices of frames that show otherwise; None where nothing is."""
+    if not config.control.conditions:
+        return (), None
+    values = hands.of_nodes(graph, config.control)
+    demands = schedule.demands(config.control, speech.name, speech.n_frames, speech.fps, values)
+    if not demands:
+        return (), None
+    states, sets = schedule.states(demands, speech.n_frames)
+    prices = schedule.frame_prices(sets, demands, values, config.control.forbidden)
+    # Hands that are held do not move, however fast they were: else the search would hold a fast frame.
+    still = {key: np.zeros_like(row) if key[0] == "speed" else row for key, row in values.items()}
+    held = schedule.frame_prices(sets, demands, still, config.control.forbidden)
+    return demands, (states, prices, np.maximum(held - prices, 0.0))
 
 
 def _search_by_pieces(

@@ -54,6 +54,12 @@ def to_matrix(quaternions: np.ndarray) -> np.ndarray:
     return _scipy(quaternions).as_matrix().reshape(*np.shape(quaternions)[:-1], 3, 3)
 
 
+def from_matrix(matrices: np.ndarray) -> np.ndarray:
+    """Quaternions of rotation matrices `[shape=(..., 3, 3)]`."""
+    matrices = np.asarray(matrices, dtype=np.float64)
+    return _wxyz(Rotation.from_matrix(matrices.reshape(-1, 3, 3)), matrices.shape[:-2])
+
+
 def about_y(angles: np.ndarray) -> np.ndarray:
     """Quaternions that turn by `angles` (radians) about the vertical."""
     half = np.asarray(angles, dtype=np.float64) / 2

@@ -7,12 +7,14 @@ clips are unharmed. An error that concerns the whole command is raised.
 from gesturegen.pipeline.ablate import ablate
 from gesturegen.pipeline.build_graph import build_graphs
 from gesturegen.pipeline.common import Summary
+from gesturegen.pipeline.compare import compare
 from gesturegen.pipeline.datasets import demo_data, init
 from gesturegen.pipeline.evaluate import evaluate
 from gesturegen.pipeline.export import export
 from gesturegen.pipeline.inspect import inspect
 from gesturegen.pipeline.preprocess import preprocess, suggest_blacklist
 from gesturegen.pipeline.reenact import reenact
+from gesturegen.pipeline.refiner import train_refiner
 from gesturegen.pipeline.report import report
 from gesturegen.pipeline.run import run
 from gesturegen.pipeline.submit import check, pack
@@ -23,6 +25,7 @@ __all__ = [
     "ablate",
     "build_graphs",
     "check",
+    "compare",
     "demo_data",
     "evaluate",
     "export",
@@ -35,4 +38,5 @@ __all__ = [
     "report",
     "run",
     "suggest_blacklist",
+    "train_refiner",
 ]

@@ -5,11 +5,11 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 
-from gesturegen import __version__, clips, evaluation, files, keynodes, render, submission
+from gesturegen import __version__, clips, evaluation, files, keynodes, submission
 from gesturegen.ablation import causes, plot, reference_length, summary, tables
 from gesturegen.ablation.plan import Plan, seeded
 from gesturegen.config import Config, Evaluation
@@ -18,6 +18,7 @@ from gesturegen.extras import need
 from gesturegen.graph.motion_graph import MotionGraph
 from gesturegen.graph.reference_frames import ReferenceFrames
 from gesturegen.methods import METHODS
+from gesturegen.motion.skeleton import Motion
 from gesturegen.parallel import for_each
 from gesturegen.pipeline.build_graph import Library, build_libraries
 from gesturegen.pipeline.common import (
@@ -33,8 +34,10 @@ from gesturegen.pipeline.common import (
 )
 from gesturegen.pipeline.evaluate import locate_file, read_heard, reference_skate, require_same_joints
 from gesturegen.pipeline.memory import require_memory_for
+from gesturegen.pipeline.showing import show
 from gesturegen.randomness import generator
 from gesturegen.search import objective
+from gesturegen.search.path import Path as SearchPath
 
 # The reference clips of each test clip, by setup and seed.
 _Chosen = dict[tuple[str, int], dict[str, tuple[str, ...]]]
@@ -60,7 +63,7 @@ def ablate(plan: Plan, jobs: int, quiet: bool, keep: bool = False) -> Summary:
     for name in plan.setups:  # what an earlier run kept is not of this one
         shutil.rmtree(folder / name, ignore_errors=True)
     try:
-        made = _build_graphs(plan, groups, jobs, quiet, keep)
+        made = build_shared_graphs(plan, groups, jobs, quiet, keep)
         if not made.outcome.failed:
             made = _run_all(plan, chosen, groups, index, jobs, quiet, keep)
     finally:
@@ -86,26 +89,28 @@ def shared_graphs(plan: Plan, chosen: _Chosen) -> dict[tuple[str, tuple[str, ...
     return groups
 
 
-def _build_graphs(
-    plan: Plan, groups: dict[tuple[str, tuple[str, ...]], str], jobs: int, quiet: bool, keep: bool
-) -> Summary:
+def build_shared_graphs(
+    plan: Plan, groups: dict[tuple[str, tuple[str, ...]], str], jobs: int, quiet: bool, keep: bool,
+    command: str = "ablate", folder: str = "ablation",
+) -> Summary:  # fmt: skip
+    """Build each graph once, below a folder of the work folder; `keep` gives every setup that it serves a copy."""
     libraries = {}
     for (setup, names), owner in groups.items():
         if setup == owner:
-            path = _graph_path(plan.setups[owner], owner, names)
+            path = _graph_path(plan.setups[owner], owner, names, folder)
             libraries[f"{owner}, {path.stem}"] = Library(plan.setups[owner], names, path)
-    summary = Summary(build_libraries(libraries, jobs, "ablate: graphs", quiet))
+    summary = Summary(build_libraries(libraries, jobs, f"{command}: graphs", quiet))
     if keep and not summary.outcome.failed:
         for (setup, names), owner in groups.items():
             if setup != owner:
-                target = _graph_path(plan.setups[setup], setup, names)
+                target = _graph_path(plan.setups[setup], setup, names, folder)
                 target.parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(_graph_path(plan.setups[owner], owner, names), target)
+                shutil.copyfile(_graph_path(plan.setups[owner], owner, names, folder), target)
     return summary
 
 
-def _graph_path(config: Config, setup: str, names: Sequence[str]) -> Path:
-    return work_path(config, "ablation", setup, "graphs", f"{graph_name(config, names)}.npz")
+def _graph_path(config: Config, setup: str, names: Sequence[str], folder: str = "ablation") -> Path:
+    return work_path(config, folder, setup, "graphs", f"{graph_name(config, names)}.npz")
 
 
 def _run_all(plan: Plan, chosen: _Chosen, groups: dict, index: dict, jobs: int, quiet: bool, keep: bool) -> Summary:
@@ -145,12 +150,24 @@ def _truth(path: str, _digest: str, config_json: str) -> evaluation.Joints:
     return locate_file(Path(path), Config.model_validate_json(config_json))
 
 
-def _run_clip(
-    setup: str, owner: str, test: str, names: tuple[str, ...], config: Config, base: Config, truth_path: str | None,
-    keep: bool,
-) -> dict:  # fmt: skip
+@dataclass(frozen=True, eq=False)
+class Gestured:
+    """What a setup made of a test clip: motion None where the search got stuck, seconds what the search took."""
+
+    path: SearchPath
+    trace: dict
+    motion: Motion | None
+    graph: ReferenceFrames
+    speech: clips.Speech
+    seconds: float
+
+
+def gesture(
+    owner: str, test: str, names: tuple[str, ...], config: Config, base: Config, folder: str = "ablation"
+) -> Gestured:
+    """Search a clip, timed, and render it; the graph is that of the setup `owner`."""
     # Loaded anew for every clip, so that the measured time holds all that a search prepares of its graph.
-    graph = METHODS[config.method].load(_graph_path(config, owner, names), config)
+    graph = METHODS[config.method].load(_graph_path(config, owner, names, folder), config)
     # The base's serve all setups: rendering takes their motion alone, and the onsets are in the graph.
     own = {"references": config.references, "method": config.method, "gesture_master": config.gesture_master}
     shared = base.model_copy(update=own)
@@ -161,23 +178,31 @@ def _run_clip(
     started = time.perf_counter()
     path = METHODS[config.method].search(graph, speech, config, generator(config.seed, test))
     search_seconds = time.perf_counter() - started
-    trace = submission.make_trace(path, graph, graph_name(config, names), speech, key_nodes, config)
-    motion = render.render(path, references, graph, config) if path.failure is None else None
+    path, frames, motion = show(path, graph, references, speech, config)
+    trace = submission.make_trace(path, frames, graph_name(config, names), speech, key_nodes, config)
+    return Gestured(path, trace, motion, frames, speech, search_seconds)
+
+
+def _run_clip(
+    setup: str, owner: str, test: str, names: tuple[str, ...], config: Config, base: Config, truth_path: str | None,
+    keep: bool,
+) -> dict:  # fmt: skip
+    made = gesture(owner, test, names, config, base)
     if keep:
         kept = work_path(config, "ablation", setup, str(config.seed))
-        submission.write_clip(kept, test, motion, {**trace, "inputs": ""})
+        submission.write_clip(kept, test, made.motion, {**made.trace, "inputs": ""})
     measured = None
-    if motion is not None:
-        measured = _measure(motion, trace, graph, test, base, truth_path)
+    if made.motion is not None:
+        measured = _measure(made, test, base, truth_path)
         measured["objective"] = evaluation.NAN
-        if isinstance(graph, MotionGraph):
+        if isinstance(made.graph, MotionGraph):
             # By the base's prices and pauses whatever the setup searches by: one ruler.
-            prices = objective.PriceList(graph, base.global_search, base.continuity)
-            speaking = keynodes.speaking(speech, base.pauses)
-            measured["objective"] = objective.total(path.tracks[0].pieces, prices, speaking)["total"]
-        measured["search_seconds"] = round(search_seconds, 4)
+            prices = objective.PriceList(made.graph, base.global_search, base.continuity)
+            speaking = keynodes.speaking(made.speech, base.pauses)
+            measured["objective"] = objective.total(made.path.tracks[0].pieces, prices, speaking)["total"]
+        measured["search_seconds"] = round(made.seconds, 4)
     about = {"setup": setup, "seed": config.seed, "clip": test}
-    return about | summary.clip_row(trace, graph, measured)
+    return about | summary.clip_row(made.trace, made.graph, measured)
 
 
 _warm: set[tuple] = set()
@@ -192,19 +217,29 @@ def _warm_up(graph: ReferenceFrames, speech: clips.Speech, config: Config) -> No
         _warm.add(kind)
 
 
-def _measure(motion, trace: dict, graph, test: str, base: Config, truth_path: str | None) -> dict[str, float]:
-    """The measures of one clip, for all setups by the base config: one ruler, also where they hear other onsets."""
+def _measure(made: Gestured, test: str, base: Config, truth_path: str | None) -> dict[str, float]:
     ruler = base.model_copy(update={"evaluation": Evaluation(**base.evaluation.model_dump() | {"frechet_windows": ()})})
+    measured, generated, truth = measure(made, test, ruler, truth_path)
+    onset_times = read_heard(clip_path(base, test), base).onset_times
+    return measured | causes.measure(generated, truth, made.trace, made.graph, onset_times, ruler)
+
+
+def measure(
+    made: Gestured, test: str, ruler: Config, truth_path: str | None
+) -> tuple[dict[str, float], evaluation.Joints, evaluation.Joints | None]:
+    """The measures of one clip that has a motion, and the joints of this and of its truth.
+
+    ruler : one config for all setups, also where they hear other onsets
+    """
     truth = None
     if truth_path is not None:
         truth = _truth(truth_path, files.sha256(truth_path), ruler.model_dump_json(by_alias=True))
-    heard = read_heard(clip_path(base, test), base)
-    generated = evaluation.locate(motion, ruler)
+    heard = read_heard(clip_path(ruler, test), ruler)
+    generated = evaluation.locate(made.motion, ruler)
     if truth is not None:
         require_same_joints(truth_path, truth, generated)
-    skate = reference_skate(base, submission.shown_clips(trace))
-    measured = evaluation.measure_clip(generated, ruler, heard, truth, trace, graph, skate)
-    return measured | causes.measure(generated, truth, trace, graph, heard.onset_times, ruler)
+    skate = reference_skate(ruler, submission.shown_clips(made.trace))
+    return evaluation.measure_clip(generated, ruler, heard, truth, made.trace, made.graph, skate), generated, truth
 
 
 def _summarize(plan: Plan, chosen: _Chosen, rows: list[dict], index: dict) -> summary.Result:
@@ -213,13 +248,13 @@ def _summarize(plan: Plan, chosen: _Chosen, rows: list[dict], index: dict) -> su
         by_seed = {}
         for seed in plan.seeds:
             own = [row for row in rows if row["setup"] == setup and row["seed"] == seed]
-            seconds = _durations(config, chosen[setup, seed], index)
+            seconds = durations(config, chosen[setup, seed], index)
             by_seed[seed] = summary.run_figures(own, seconds, index["training_seconds"])
         setups[setup] = summary.over_seeds(by_seed)
     return summary.Result(setups, len(index["tests"]), plan.signature | {"version": __version__}, rows)
 
 
-def _durations(config: Config, chosen: dict[str, tuple[str, ...]], index: dict) -> dict[str, float]:
+def durations(config: Config, chosen: dict[str, tuple[str, ...]], index: dict) -> dict[str, float]:
     """Seconds of each reference clip, of a cut one only those that are used."""
     whole = {name: row["seconds"] for name, row in index["references"].items()}
     if config.references.seconds is None:

@@ -12,7 +12,9 @@ import numpy as np
 from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.gestures.database import GestureDatabase
+from gesturegen.graph.motion_graph import MotionGraph
 from gesturegen.graph.reference_frames import ReferenceFrames
+from gesturegen.matching.database import MatchingDatabase
 from gesturegen.methods import METHODS
 from gesturegen.parallel import Outcome, for_each
 from gesturegen.pipeline import build_database
@@ -95,6 +97,9 @@ def _build(library: Library, reuse: bool) -> dict:
 def _describe(found: ReferenceFrames, config: Config) -> dict:
     if isinstance(found, GestureDatabase):
         return build_database.describe(found, config)
+    if not isinstance(found, MotionGraph):
+        sequences = f", {len(found.sequence_starts)} sequences" if isinstance(found, MatchingDatabase) else ""
+        return {"lines": [f"{found.n_nodes} nodes{sequences}"], "notes": []}
     kinds = ", ".join(f"{int(np.sum(found.key_nodes.kinds == kind))} {kind}" for kind in ("onset", "keyword", "break"))
     line = (
         f"{found.n_nodes} nodes, {int(np.sum(found.natural))} natural and {int(np.sum(~found.natural))} unnatural edges, "

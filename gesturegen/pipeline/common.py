@@ -42,12 +42,16 @@ def graph_path(config: Config, name: str) -> Path:
     return work_path(config, "graphs", f"{name}.npz")
 
 
+# Of the names of what methods build: several may share a work folder.
+_SUFFIXES = {"gesture_master": "-gestures", "motion_matching": "-matching", "baseline": "-frames"}
+
+
 def graph_name(config: Config, names: Sequence[str]) -> str:
     """The name of what a method builds of one reference clip or of several."""
     name = names[0] if len(names) == 1 else "multi-" + hashlib.sha256("\n".join(names).encode()).hexdigest()[:12]
     seconds = config.references.seconds
     name = name if seconds is None else f"{name}-{seconds:g}s"
-    return f"{name}-gestures" if config.method == "gesture_master" else name
+    return name + _SUFFIXES.get(config.method, "")
 
 
 def require_writable(folder: Path) -> None:

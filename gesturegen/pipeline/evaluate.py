@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
-from collections.abc import Sequence
+import io
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -13,8 +15,11 @@ from threadpoolctl import threadpool_limits
 
 from gesturegen import __version__, clips, evaluation, files, submission, tables
 from gesturegen.config import Config
+from gesturegen.control import hands
 from gesturegen.errors import DataError
 from gesturegen.gestures.extraction import spoken
+from gesturegen.graph.reference_frames import ReferenceFrames
+from gesturegen.inspection import traces
 from gesturegen.methods import METHODS
 from gesturegen.metrics.feet import FootSkate
 from gesturegen.metrics.usage import training_utilisation
@@ -30,8 +35,16 @@ from gesturegen.pipeline.common import (
     require_writable,
     work_path,
 )
+from gesturegen.pipeline.keyword_gestures import load_frames
 from gesturegen.pipeline.motions import folder_motions, folder_sounds
 from gesturegen.speech import audio
+
+_CONTROL_COLUMNS = ("clip", *evaluation.CONTROL_HEADINGS)
+_CONTROL_FIGURES = range(5, len(_CONTROL_COLUMNS))
+_CONTROL_KEYS = (
+    "place", "measure", "hand", "hard", "from", "to", "at_least", "at_most", "mean", "deviation", "inside",
+    "reference_mean", "reference_deviation",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -79,15 +92,17 @@ def evaluate(
     if index is not None:
         _add_utilisation(rows, total, {name: done["references"] for name, done in measured.items()}, index)
     columns = evaluation.measures(config)
+    control = {name: done["control"] for name, done in sorted(measured.items()) if done["control"]}
     summary = Summary(outcome)
     suffix = "" if bvh_folder is None else "_files"
     if compat:
         columns = list(evaluation.COMPAT_MEASURES)
         rows, total = evaluation.genea_compat(generated, truths)
+        control = {}
         signature["conventions"] = "genea"
         suffix += "_genea"
-    summary.lines = [tables.format_blocks(rows, total, columns), "", _signature_line(signature)]
-    summary.written = _write_tables(config, rows, total, columns, signature, suffix)
+    summary.lines = _lines(rows, total, columns, control, signature)
+    summary.written = _write_tables(config, rows, total, columns, control, signature, suffix)
     return summary
 
 
@@ -108,22 +123,55 @@ def _kept_figures(config: Config, signature: dict) -> Summary | None:
         return None
     rows = {name: tables.from_json(row) for name, row in stored["clips"].items()}
     total, columns = tables.from_json(stored["total"]), evaluation.measures(config)
-    lines = [tables.format_blocks(rows, total, columns), "", _signature_line(signature)]
-    return Summary(Outcome(done=rows), lines=lines, written=[csv_path, json_path])
+    control, control_path = stored.get("control", {}), _control_path(config)
+    if control_path.is_file() != bool(control):
+        return None
+    written = [csv_path, json_path, *([control_path] if control else [])]
+    return Summary(Outcome(done=rows), lines=_lines(rows, total, columns, control, signature), written=written)
 
 
-def _write_tables(config: Config, rows: dict, total: dict, columns: list, signature: dict, suffix: str) -> list[Path]:
+def _write_tables(
+    config: Config, rows: dict, total: dict, columns: list, control: dict, signature: dict, suffix: str
+) -> list[Path]:
     csv_path, json_path = (
         work_path(config, "evaluate", name) for name in (f"metrics{suffix}.csv", f"summary{suffix}.json")
     )
     files.write_text(csv_path, tables.format_csv(rows, total, columns, signature))
     figures = {name: tables.json_figures(row) for name, row in rows.items()}
-    files.write_json(json_path, {"signature": signature, "total": tables.json_figures(total), "clips": figures})
-    return [csv_path, json_path]
+    told = {"signature": signature, "total": tables.json_figures(total), "clips": figures}
+    files.write_json(json_path, told | ({"control": control} if control else {}))
+    written = [csv_path, json_path]
+    if control:
+        files.write_text(_control_path(config), _control_csv(control, signature))
+        written.append(_control_path(config))
+    elif not suffix:  # what an earlier run of this folder achieved must not pass for this one's
+        _control_path(config).unlink(missing_ok=True)
+    return written
 
 
-def _signature_line(signature: dict) -> str:
-    return "  ".join(f"{key}: {value}" for key, value in signature.items())
+def _lines(rows: dict, total: dict, columns: list, control: dict, signature: dict) -> list[str]:
+    """The tables as they are printed; that of control where any clip is controlled."""
+    blocks = [tables.format_blocks(rows, total, columns)]
+    if control:
+        cells = [[name, *evaluation.control_cells(row)] for name, own in control.items() for row in own]
+        blocks.append("[control]\n" + "\n".join(traces.align([_CONTROL_COLUMNS, *cells], _CONTROL_FIGURES)))
+    return ["\n\n".join(blocks), "", "  ".join(f"{key}: {value}" for key, value in signature.items())]
+
+
+def _control_path(config: Config) -> Path:
+    return work_path(config, "evaluate", "control.csv")
+
+
+def _control_csv(control: Mapping[str, Sequence[Mapping]], signature: Mapping) -> str:
+    """A row per demand, in cm, cm/s and seconds, each ending in what produced it; a bound that is none is `-`."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["clip", *_CONTROL_KEYS, *signature])
+    for name, rows in control.items():
+        for row in rows:
+            figures = ("-" if row[key] is None else row[key] for key in _CONTROL_KEYS)
+            writer.writerow([name, *figures, *signature.values()])
+    return text.getvalue()
 
 
 def _own_evidence(config: Config, index: dict, truth_folder: Path | None) -> tuple[list[_Evidence], list[str], dict]:
@@ -173,12 +221,24 @@ def _measure(evidence: _Evidence, config: Config) -> dict:
     skate = evaluation.NAN
     if evidence.trace is not None:
         trace = files.read_json(evidence.trace)
-        references = [reference["clip"] for reference in trace["references"]]
-        graph = METHODS[trace["method"]].load(graph_path(config, trace["graph"]))
+        library = METHODS[trace["method"]].load(graph_path(config, trace["graph"]))
+        references = list(library.clip_names)
+        graph = load_frames(library, trace, config)
         skate = reference_skate(config, submission.shown_clips(trace))
     heard = read_heard(evidence.audio, config)
     row = evaluation.measure_clip(generated, config, heard, truth, trace, graph, skate)
-    return {"row": row, "generated": generated, "truth": truth, "references": references}
+    control = [] if trace is None else _measure_control(generated, trace, graph, config)
+    return {"row": row, "generated": generated, "truth": truth, "references": references, "control": control}
+
+
+def _measure_control(
+    generated: evaluation.Joints, trace: Mapping, library: ReferenceFrames, config: Config
+) -> list[dict]:
+    demands = evaluation.demands_of(trace)
+    if not demands:
+        return []
+    recorded = hands.of_nodes(library, config.control)
+    return evaluation.measure_control(demands, evaluation.hand_curves(generated, config), recorded, trace["fps"])
 
 
 def require_same_joints(path: str | Path, truth: evaluation.Joints, generated: evaluation.Joints) -> None:

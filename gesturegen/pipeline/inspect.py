@@ -11,6 +11,7 @@ from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.extras import need
 from gesturegen.gestures.database import GestureDatabase
+from gesturegen.graph.motion_graph import MotionGraph
 from gesturegen.graph.reference_frames import ReferenceFrames
 from gesturegen.inspection import databases, graphs, plots, traces
 from gesturegen.methods import load_library
@@ -35,6 +36,11 @@ def inspect(config: Config, target: str, plot: Path | None = None, as_json: bool
             facts = databases.describe_database(library)
             lines = databases.database_lines(facts)
             draw = lambda file: plots.plot_database(library, path.stem, file)  # noqa: E731
+        elif not isinstance(library, MotionGraph):
+            if plot is not None:
+                raise DataError(f"{path}: of this there is no plot; leave out --plot")
+            facts = graphs.describe_frames(library)
+            lines = graphs.frames_lines(facts)
         else:
             facts = graphs.describe_graph(library)
             lines = graphs.graph_lines(facts)

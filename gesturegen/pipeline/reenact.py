@@ -5,20 +5,21 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
-from gesturegen import __version__, clips, files, keynodes, render, submission
+from gesturegen import __version__, clips, files, keynodes, submission
 from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.graph.reference_frames import ReferenceFrames
 from gesturegen.methods import METHODS
 from gesturegen.motion.skeleton import Motion
 from gesturegen.parallel import for_each
+from gesturegen.pipeline import keyword_gestures, refiner
 from gesturegen.pipeline.common import (
     Summary,
     chosen_references,
@@ -33,10 +34,14 @@ from gesturegen.pipeline.common import (
     work_path,
 )
 from gesturegen.pipeline.memory import require_memory
+from gesturegen.pipeline.showing import show
 from gesturegen.randomness import generator
+from gesturegen.search.path import Path as SearchPath
 
 # Frames of a reference that are further apart than this show another moment of it.
 ELSEWHERE_FRAMES = 15
+# Test clips that are searched for at once, by methods that can.
+_TOGETHER = 70
 
 
 def reenact(config: Config, jobs: int, quiet: bool, reuse: bool = False, variants: int = 1) -> Summary:
@@ -57,12 +62,12 @@ def reenact(config: Config, jobs: int, quiet: bool, reuse: bool = False, variant
         _remove_variants(config)
     for folder in folders[1:]:
         _link_inputs(config, folder.parent)
-    outcome = for_each(
-        {test: partial(_reenact_clip, test, names, config, reuse, variants) for test, names in chosen.items()},
-        jobs,
-        "reenact",
-        quiet,
-    )
+    found = _search_together(config, chosen, jobs, quiet, reuse)
+    tasks = {
+        test: partial(_reenact_clip, test, names, config, reuse, variants, found.get(test))
+        for test, names in chosen.items()
+    }
+    outcome = for_each(tasks, jobs, "reenact", quiet)
     outcome.errors |= {name: f"failed in preprocess: {error}" for name, error in index["failed"].items()}
     failed = outcome.errors | dict.fromkeys(outcome.bugs, "a bug of gesturegen")
     for variant, folder in enumerate(folders, 1):
@@ -90,47 +95,115 @@ def _library(
     return shown_from(config, names), graph
 
 
-def _reenact_clip(test: str, names: tuple[str, ...], config: Config, reuse: bool, variants: int) -> list[dict]:
-    """Write all variants of a clip, one after the other: each is searched in view of the earlier ones."""
-    stored_graph = graph_path(config, graph_name(config, names))
-    clip_digests = digests(config, names)
-    graph_digest = stored_digest(stored_graph) if stored_graph.is_file() else ""
-    made_of = (__version__, config.signature(), test, *clip_digests, graph_digest, *digests(config, [test]))
-    inputs = [
-        hashlib.sha256("\n".join((*made_of, f"variant {variant}")).encode()).hexdigest()
-        for variant in range(1, variants + 1)
-    ]
+def _graph_digest(config: Config, names: Sequence[str]) -> str:
+    stored = graph_path(config, graph_name(config, names))
+    return stored_digest(stored) if stored.is_file() else ""
+
+
+def _made_of(test: str, names: Sequence[str], config: Config, variant: int) -> str:
+    """A hash of all that a result depends on."""
+    parts = (
+        __version__, config.signature(), test, *digests(config, names), _graph_digest(config, names),
+        *digests(config, [test]), *keyword_gestures.library_digests(config),
+        *([files.sha256(refiner.require_trained(config))] if config.refine else []), f"variant {variant}",
+    )  # fmt: skip
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def _search_together(
+    config: Config, chosen: Mapping[str, tuple[str, ...]], jobs: int, quiet: bool, reuse: bool
+) -> dict[str, SearchPath]:
+    """The paths of test clips that share references, by methods that search for many clips at once.
+
+    A clip that is missing here, whatever the reason, is searched for by itself and tells the reason.
+    """
+    if not hasattr(METHODS[config.method], "search_all"):
+        return {}
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for test, names in chosen.items():
+        groups.setdefault(names, []).append(test)
+    tasks = {
+        f"{graph_name(config, names)}, clips from {first}": partial(
+            _search_batch, tests[first : first + _TOGETHER], names, config, reuse
+        )
+        for names, tests in groups.items()
+        for first in range(0, len(tests), _TOGETHER)
+    }
+    outcome = for_each(tasks, jobs, "reenact: search", quiet)
+    return {test: path for found in outcome.done.values() for test, path in found.items()}
+
+
+def _search_batch(tests: Sequence[str], names: tuple[str, ...], config: Config, reuse: bool) -> dict[str, SearchPath]:
+    speeches = {}
+    for test in tests:
+        try:
+            inputs = _made_of(test, names, config, 1)
+            if not (reuse and submission.read_trace_if_current(_folder(config, 1), test, inputs)):
+                speeches[test] = clips.load(clip_path(config, test), config, with_motion=False).test_speech(config)
+        except DataError:
+            continue  # told by the clip's own task
+    if len(speeches) < 2:
+        return {}
+    _, graph = _library(
+        config.model_dump_json(by_alias=True), names, digests(config, names), _graph_digest(config, names)
+    )
+    found = METHODS[config.method].search_all(graph, speeches, config)
+    return {test: path for test, path in found.items() if isinstance(path, SearchPath)}
+
+
+def _reenact_clip(
+    test: str, names: tuple[str, ...], config: Config, reuse: bool, variants: int, found: SearchPath | None
+) -> list[dict]:
+    """Write all variants of a clip, one after the other: each is searched in view of the earlier ones.
+
+    found : the path of the first one, where it has been searched for already
+    """
+    inputs = [_made_of(test, names, config, variant) for variant in range(1, variants + 1)]
     trace = submission.read_trace_if_current(_folder(config, 1), test, inputs[0]) if reuse else None
     if trace is not None:
         return [{"row": submission.clip_row(trace), "notes": trace["notes"], "new": None}]
-    references, graph = _library(config.model_dump_json(by_alias=True), names, clip_digests, graph_digest)
+    references, graph = _library(
+        config.model_dump_json(by_alias=True), names, digests(config, names), _graph_digest(config, names)
+    )
     results, shown = [], []
-    for trace, motion in islice(gestures(test, names, references, graph, config), variants):
+    for trace, motion, frames in islice(gestures(test, names, references, graph, config, found), variants):
         variant = trace["variant"]
         submission.write_clip(_folder(config, variant), test, motion, {**trace, "inputs": inputs[variant - 1]})
         new = None
         if motion is not None:
             nodes = submission.shown_nodes(trace)
-            new = share_of_new_frames(nodes, shown, graph) if shown else None
+            new = share_of_new_frames(nodes, shown, frames) if shown else None
             shown.append(nodes)
         results.append({"row": submission.clip_row(trace), "notes": trace["notes"], "new": new})
     return results
 
 
 def gestures(
-    test: str, names: Sequence[str], references: Sequence[clips.Reference], graph: ReferenceFrames, config: Config
-) -> Iterator[tuple[dict, Motion | None]]:
-    """Traces and motions of one test clip, None where the search got stuck: each made to differ from those before."""
+    test: str,
+    names: Sequence[str],
+    references: Sequence[clips.Reference],
+    graph: ReferenceFrames,
+    config: Config,
+    found: SearchPath | None = None,
+) -> Iterator[tuple[dict, Motion | None, ReferenceFrames]]:
+    """Traces, motions and what their nodes are of, for one test clip: each made to differ from those before.
+
+    The motion is None where the search got stuck.
+    found : the path of the first, where it has been searched for already
+    """
     speech = clips.load(clip_path(config, test), config, with_motion=False).test_speech(config)
     key_nodes = keynodes.of_speech(speech, config.keywords.words)
     earlier = []
     while True:
         variant = len(earlier) + 1
         rng = generator(config.seed, _title(test, variant))
-        path = METHODS[config.method].search(graph, speech, config, rng, [p for p in earlier if p.failure is None])
+        path, found = found, None
+        if path is None:
+            path = METHODS[config.method].search(graph, speech, config, rng, [p for p in earlier if p.failure is None])
         earlier.append(path)
-        trace = submission.make_trace(path, graph, graph_name(config, names), speech, key_nodes, config, variant)
-        yield trace, render.render(path, references, graph, config) if path.failure is None else None
+        path, frames, motion = show(path, graph, references, speech, config)
+        trace = submission.make_trace(path, frames, graph_name(config, names), speech, key_nodes, config, variant)
+        yield trace, motion, frames
 
 
 def share_of_new_frames(nodes: np.ndarray, earlier: Sequence[np.ndarray], graph: ReferenceFrames) -> float:

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from gesturegen import clips, files
+from gesturegen import clips, evaluation, files
 from gesturegen.config import Config
+from gesturegen.control import hands
 from gesturegen.errors import DataError, GesturegenError
 from gesturegen.motion import bvh, cleanup
 from gesturegen.parallel import for_each
@@ -19,6 +20,8 @@ from gesturegen.report import pack, page
 from gesturegen.speech import audio
 
 _OWN_LABELS = ("generated", "truth")
+# What tells in a graph where the hands of the references are.
+_PLACES = ("positions", "joint_names", "segment_starts", "fps")
 
 
 @dataclass(frozen=True)
@@ -145,18 +148,28 @@ def _reenacted(name: str, work: Path, config: Config, label: str) -> dict:
             raise DataError(f"{folder / (name + suffix)}: missing; run `gesturegen reenact` again")
     motion = cleanup.resample(bvh.read(folder / f"{name}.bvh"), config.fps)
     trace = files.read_json(folder / f"{name}.trace.json")
-    source_frames = _source_frames(work / "graphs" / f"{trace['graph']}.npz")
-    return pack.pack_motion(motion, config, label, pack.pack_trace(trace, source_frames))
+    demands = evaluation.demands_of(trace)
+    stored = _stored(work / "graphs" / f"{trace['graph']}.npz", ("source_frames", *(_PLACES if demands else ())))
+    control = []
+    if demands:
+        shown = evaluation.hand_curves(evaluation.locate(motion, config), config)
+        names = stored["joint_names"].tolist()
+        recorded = hands.of_positions(
+            stored["positions"], names, stored["segment_starts"], float(stored["fps"]), config.control
+        )
+        control = pack.pack_control(demands, shown, recorded, motion.fps)
+    return pack.pack_motion(motion, config, label, pack.pack_trace(trace, stored["source_frames"], control))
 
 
-def _source_frames(path: Path) -> np.ndarray:
-    """The one array of a graph that a report needs: a graph of all references can be as large as the memory."""
+def _stored(path: Path, wanted: Sequence[str]) -> dict[str, np.ndarray]:
+    """The arrays of a graph that a report needs: a graph of all references can be as large as the memory."""
     if not path.is_file():
         raise DataError(f"{path}: this graph has not been built; run `gesturegen build-graph` first")
-    stored = files.read_arrays(path, only=("source_frames",))
-    if not stored:
-        raise DataError(f"{path}: no array 'source_frames' in it; delete it and run build-graph again")
-    return stored["source_frames"]
+    stored = files.read_arrays(path, only=wanted)
+    for name in wanted:
+        if name not in stored:
+            raise DataError(f"{path}: no array {name!r} in it; delete it and run build-graph again")
+    return stored
 
 
 def _true_motion(path: Path, config: Config) -> dict:

@@ -14,12 +14,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from gesturegen import evaluation
 from gesturegen.clips import Speech
 from gesturegen.config import Config
+from gesturegen.control.measures import UNITS
+from gesturegen.control.schedule import Demand, Measures
 from gesturegen.errors import DataError
 from gesturegen.motion.skeleton import Motion
 from gesturegen.report import figure, sound
-from gesturegen.submission import shown_nodes
+from gesturegen.submission import GESTURE_PREFIX, shown_nodes
 
 STEPS_PER_FIGURE = 2000
 # Steps are int16; a motion that travels further than this many is stored in longer ones.
@@ -81,29 +84,58 @@ def pack_audio(samples: np.ndarray, rate: int) -> dict:
     }
 
 
-def pack_trace(trace: Mapping, source_frames: np.ndarray) -> dict:
+def pack_control(demands: Sequence[Demand], shown: Measures, recorded: Measures, fps: float) -> list[dict]:
+    """Each demand with its bounds, the curve of what it is about over the whole clip, and a row of a table.
+
+    shown, recorded : the measures of the hands in the frames of the motion and in the nodes of its references
+    """
+    rows = evaluation.measure_control(demands, shown, recorded, fps)
+    return [
+        {
+            "name": row["measure"],
+            "hand": "" if row["measure"] == "symmetry" else row["hand"],
+            "unit": UNITS[row["measure"]],
+            "low": None if row["at_least"] is None else round(row["at_least"], 2),
+            "high": None if row["at_most"] is None else round(row["at_most"], 2),
+            "from": row["from"],
+            "to": row["to"],
+            "values": np.round(shown[demand.key], 1).tolist(),
+            "cells": evaluation.control_cells(row),
+        }
+        for demand, row in zip(demands, rows, strict=True)
+    ]
+
+
+def pack_trace(trace: Mapping, source_frames: np.ndarray, control: Sequence[dict] = ()) -> dict:
     """Pieces, joins, and the reference frame that each output frame shows.
 
     source_frames : of the graph [shape=(N,)]; DataError when the trace walks over nodes that it lacks
+    control : of `pack_control`
     """
     shown = shown_nodes(trace)
-    if shown.max() >= len(source_frames):
+    starts = np.array([reference["start_node"] for reference in trace["references"]])
+    names = [reference["clip"] for reference in trace["references"]]
+    clips = np.searchsorted(starts, shown, side="right") - 1
+    # Gestures of a library come after the frames of the graph.
+    gesture = np.array([name.startswith(GESTURE_PREFIX) for name in names])[clips]
+    if shown[~gesture].max(initial=-1) >= len(source_frames):
         raise DataError(
             f"clip {trace['clip']}: its trace is of another graph than {trace['graph']}; run `gesturegen reenact` again"
         )
-    starts = [reference["start_node"] for reference in trace["references"]]
+    source = np.where(gesture, shown - starts[clips], source_frames[np.where(gesture, 0, shown)])
     return {
         "references": [
             reference["clip"] + (" (mirrored)" if reference.get("mirrored") else "")
             for reference in trace["references"]
         ],
-        "reference": (np.searchsorted(starts, shown, side="right") - 1).tolist(),
-        "source": source_frames[shown].tolist(),
+        "reference": clips.tolist(),
+        "source": source.tolist(),
         "pieces": [
             [piece[key] for key in ("start_frame", "end_frame", "end_kind", "keyword", "fallback")]
             for piece in trace["pieces"]
         ],
         "joins": [[join["frame"], round(join["distance"], 3), join["natural"]] for join in trace["joins"]],
+        "control": list(control),
     }
 
 

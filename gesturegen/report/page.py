@@ -88,6 +88,9 @@ def parts(content: Content, config: Config) -> Iterator[str]:
         "options": "".join(f'<option value="{k}">{escape(name)}</option>' for k, name in enumerate(content.clips)),
         "empty": "" if content.clips else '<p class="notice">No clip of this run can be shown.</p>',
         "join_scale": f"{content.join_scale:.6g}",
+        "control_headings": "".join(
+            f'<th scope="col">{escape(heading)}</th>' for heading in evaluation.CONTROL_HEADINGS
+        ),
         "hidden": "" if content.clips else " hidden",
     }
     # The first clip stands before the script, so that it can be watched while the others are still being read.

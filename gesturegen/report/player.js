@@ -189,9 +189,22 @@ function tellTrace(place) {
     return item;
   });
   byId("reference-legend").replaceChildren(...(several ? ["source: ", ...texts] : []));
+  showControl(told ? told.control : []);
   timeline.open(clip, told, scale, timeline.clip === clip ? timeline.span : 0);
   showSpan();
   invalidate();
+}
+
+// What was asked of the hands and what was achieved, where anything was.
+function showControl(control) {
+  for (const part of player.querySelectorAll(".control")) part.hidden = !control.length;
+  const rows = control.map(({ cells }) => {
+    const row = make("tr");
+    row.append(make("th", { scope: "row", textContent: cells[0] }));
+    row.append(...cells.slice(1).map((textContent) => make("td", { textContent })));
+    return row;
+  });
+  byId("control").tBodies[0].replaceChildren(...rows);
 }
 
 function showSpan() {

@@ -6,8 +6,12 @@ const SPANS = [2, 5, 10, 20, 30, 60, 120, 300];
 const GUTTER = 48;
 // Rows from the top: name, top and height in CSS pixels.
 const ROWS = {
-  all: [4, 26], sound: [38, 44], words: [88, 22], pieces: [114, 24], joins: [144, 30], source: [180, 84], axis: [266, 20],
+  all: [4, 26], sound: [38, 44], words: [88, 22], pieces: [114, 24], joins: [144, 30], source: [180, 84],
 };
+// Below them a row for each demand on the hands, from the first one's top, and then the axis.
+const BELOW = 266;
+const CONTROL_ROW = 66;
+const AXIS_ROW = 24;
 
 function distanceColour(share) {
   const place = Math.min(Math.max(share, 0), 1) * (DISTANCE_COLOURS.length - 1);
@@ -25,6 +29,9 @@ class Timeline {
 
   open(clip, trace, joinScale, span) {
     Object.assign(this, { clip, trace, joinScale, seconds: clip.frames / clip.fps, start: 0 });
+    this.control = trace ? trace.control : [];
+    this.axis = BELOW + CONTROL_ROW * this.control.length;
+    this.canvas.style.height = `${this.axis + AXIS_ROW}px`;
     this.setSpan(span || this.readableSpan());
   }
 
@@ -80,7 +87,7 @@ class Timeline {
     pen.drawImage(this.picture, 0, 0);
     pen.setTransform(scale, 0, 0, scale, 0, 0);
     pen.fillStyle = colours["--ink"];
-    pen.fillRect(this.x(time) - 0.75, ROWS.sound[0] - 4, 1.5, ROWS.axis[0] - ROWS.sound[0] + 6);
+    pen.fillRect(this.x(time) - 0.75, ROWS.sound[0] - 4, 1.5, this.axis - ROWS.sound[0] + 6);
     pen.fillRect(this.overviewX(time) - 0.75, ROWS.all[0], 1.5, ROWS.all[1]);
   }
 
@@ -95,8 +102,9 @@ class Timeline {
     this.drawOverview();
     pen.save();
     pen.beginPath();
-    pen.rect(GUTTER, 0, this.width - GUTTER, 400);
+    pen.rect(GUTTER, 0, this.width - GUTTER, this.axis + AXIS_ROW);
     pen.clip();
+    this.control.forEach((demand, k) => this.drawWhen(demand, BELOW + k * CONTROL_ROW));
     this.drawAxis();
     this.drawWave(ROWS.sound, this.start, this.span);
     this.drawOnsets();
@@ -106,6 +114,7 @@ class Timeline {
       this.drawJoins();
       this.drawSource();
     }
+    this.control.forEach((demand, k) => this.drawDemand(demand, BELOW + k * CONTROL_ROW));
     pen.restore();
     this.drawLabels();
     this.stale = false;
@@ -117,7 +126,7 @@ class Timeline {
     pen.fillStyle = colours["--soft"];
     pen.textAlign = "left";
     for (const name of Object.keys(ROWS)) {
-      if (name === "axis" || (!this.trace && ["pieces", "joins", "source"].includes(name))) continue;
+      if (!this.trace && ["pieces", "joins", "source"].includes(name)) continue;
       const [top, height] = ROWS[name];
       pen.fillText(name, 5, name === "source" ? top + 8 : top + height / 2);
     }
@@ -128,6 +137,27 @@ class Timeline {
     pen.textAlign = "right";
     pen.fillText(String(this.mostSource()), GUTTER - 4, top + 24);
     pen.fillText("0", GUTTER - 4, top + height - 5);
+    this.control.forEach((demand, k) => this.drawControlLabels(demand, BELOW + k * CONTROL_ROW));
+  }
+
+  // What a row is about and in which unit, and the ends of its scale.
+  drawControlLabels({ name, hand, unit, values, low, high }, top) {
+    const { pen } = this;
+    const [least, most] = this.controlRange(values, low, high);
+    pen.textAlign = "left";
+    [name, hand, unit].filter(Boolean).forEach((text, line) => pen.fillText(text, 5, top + 20 + 12 * line));
+    pen.textAlign = "right";
+    pen.fillText(most.toFixed(0), GUTTER - 4, top + 8);
+    pen.fillText(least.toFixed(0), GUTTER - 4, top + CONTROL_ROW - 7);
+  }
+
+  // The values that a row spans; the whole clip's, so that the scale stays when the stretch moves.
+  controlRange(values, low, high) {
+    const bounds = [low, high].filter((bound) => bound !== null);
+    const all = (pick, first) => values.reduce((found, value) => pick(found, value), first);
+    const least = all(Math.min, Math.min(...bounds));
+    const most = all(Math.max, Math.max(...bounds));
+    return most > least ? [least, most] : [least - 1, least + 1];
   }
 
   mostSource() {
@@ -136,7 +166,7 @@ class Timeline {
 
   drawAxis() {
     const { pen, colours } = this;
-    const [top] = ROWS.axis;
+    const top = this.axis;
     const tick = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120].find((t) => (t / this.span) * (this.width - GUTTER) > 55) || 300;
     pen.font = "10px system-ui, sans-serif";
     pen.textAlign = "center";
@@ -289,5 +319,35 @@ class Timeline {
       const y = top + 3 + (height - 8) * (1 - trace.source[f] / most);
       pen.fillRect(this.x((f + 0.5) / clip.fps) - dot / 2, y - 0.9, dot, 1.8);
     }
+  }
+
+  // The time range in which something is asked of the hands.
+  drawWhen({ from, to }, top) {
+    this.pen.fillStyle = this.colours["--shade-2"];
+    this.pen.fillRect(this.x(from), top + 3, this.x(to) - this.x(from), CONTROL_ROW - 6);
+  }
+
+  // The bounds as broken lines where they hold, and over them what was achieved.
+  drawDemand({ from, to, low, high, values }, top) {
+    const { pen, colours, clip } = this;
+    const [least, most] = this.controlRange(values, low, high);
+    const y = (value) => top + 7 + (CONTROL_ROW - 14) * (1 - (value - least) / (most - least));
+    pen.strokeStyle = colours["--fallback"];
+    pen.lineWidth = 1.5;
+    pen.setLineDash([5, 3]);
+    for (const bound of [low, high]) {
+      if (bound === null) continue;
+      pen.beginPath();
+      pen.moveTo(this.x(from), y(bound));
+      pen.lineTo(this.x(to), y(bound));
+      pen.stroke();
+    }
+    pen.setLineDash([]);
+    pen.strokeStyle = colours["--accent"];
+    pen.beginPath();
+    const first = Math.max(0, Math.floor(this.start * clip.fps) - 1);
+    const last = Math.min(values.length, Math.ceil((this.start + this.span) * clip.fps) + 2);
+    for (let f = first; f < last; f++) pen.lineTo(this.x((f + 0.5) / clip.fps), y(values[f]));
+    pen.stroke();
   }
 }

@@ -58,7 +58,7 @@ class Pieces(NamedTuple):
 
     starts, lengths, shortest, longest : int [shape=(P,)], in frames; rules : their rows of `end_prices`
     end_prices : [shape=(R, N)], of each node as a last one; open_rules : bool [shape=(R,)], all of them 0
-    speaking : int [shape=(T,)], state of the test speech, 0 in pauses, else 1
+    states : int [shape=(T,)], of the test speech (`objective.PriceList`)
     followed : whether more of the path follows the last of them
     """
 
@@ -69,7 +69,7 @@ class Pieces(NamedTuple):
     rules: np.ndarray
     end_prices: np.ndarray
     open_rules: np.ndarray
-    speaking: np.ndarray
+    states: np.ndarray
     followed: bool
 
 
@@ -77,13 +77,14 @@ PER_PIECE = ("starts", "lengths", "shortest", "longest", "rules")
 
 
 class Prices(NamedTuple):
-    """Prices of nodes, most of them by the state of the test speech [shape=(2, N)], and of a length's misfit.
+    """Prices of nodes, most of them by the state of the test speech [shape=(S, N)], and of a length's misfit.
 
-    shown : of each frame; passing : of leaving the node inside a piece; holding : of staying at it for a frame
+    shown : of each frame; least_shown : [shape=(N,)], in the node's best state; passing : of leaving the node inside a piece; holding : of staying at it for a frame
     entering : [shape=(N,)], of coming to the node, however long the path stays
     """
 
     shown: np.ndarray
+    least_shown: np.ndarray
     passing: np.ndarray
     holding: np.ndarray
     entering: np.ndarray
@@ -133,7 +134,7 @@ def solve(last_piece, pieces, prices, joins, tables):
             ending[node] = pieces.end_prices[pieces.rules[piece], node] + tables.last_costs[piece, node]
         state_ahead = 0
         for k in range(pieces.longest[piece] - 1, -1, -1):
-            state = pieces.speaking[pieces.starts[piece] + min(k, length - 1)]
+            state = pieces.states[pieces.starts[piece] + min(k, length - 1)]
             place = tables.offsets[piece] + k * n_nodes
             chosen = tables.actions[place : place + n_nodes]
             misfit = prices.misfit * abs(1.0 - (k + 1) / length) if k + 1 >= pieces.shortest[piece] else np.inf
@@ -190,14 +191,14 @@ def _bound_joins(piece, pieces, prices, joins, tables):
     least = first_costs.min()
     # Where a piece may end anywhere every node is a likely end that is in the state of the test speech there.
     anywhere = pieces.open_rules[pieces.rules[piece]]
-    state = pieces.speaking[pieces.starts[piece] + pieces.lengths[piece] - 1]
+    state = pieces.states[pieces.starts[piece] + pieces.lengths[piece] - 1]
     n_stops = len(joins.stops)
     froms = np.empty(n_stops + n_nodes, dtype=np.int64)
     froms[:n_stops] = joins.stops
     later = np.empty(n_nodes, dtype=np.int64)
     n_later = 0
     for node in range(n_nodes):
-        likely = anywhere and prices.shown[state, node] <= prices.shown[1 - state, node]
+        likely = anywhere and prices.shown[state, node] <= prices.least_shown[node]
         if joins.successors[node] == node or wanted[node] or likely:
             later[n_later] = node
             froms[n_stops + n_later] = joins.successors[node]
@@ -219,7 +220,7 @@ def _bound_joins(piece, pieces, prices, joins, tables):
             after[node], targets[node], exact[node] = known, where, True
         else:
             after[node], targets[node], exact[node] = bound, -1, False
-    holding = prices.holding[pieces.speaking[pieces.starts[piece] + pieces.lengths[piece]]]
+    holding = prices.holding[pieces.states[pieces.starts[piece] + pieces.lengths[piece]]]
     for k in range(n_later):
         node, place = later[k], n_stops + k
         cost, target = best[place], to[place]

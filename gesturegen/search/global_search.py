@@ -43,30 +43,37 @@ class Result:
 
 
 def search(
-    graph: MotionGraph, targets: Sequence[Target], speaking: np.ndarray, config: Config, used: np.ndarray | None = None
-) -> Result:
+    graph: MotionGraph, targets: Sequence[Target], speaking: np.ndarray, config: Config, used: np.ndarray | None = None,
+    control: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+) -> Result:  # fmt: skip
     """The cheapest pieces for all of `targets`.
 
     speaking : bool `[shape=(n_frames,)]`, False in the test speech's pauses
     used : `[shape=(N,)]`, a price of every frame that shows the node, for what other variants show already
+    control : for each frame the number of the set of demands that holds there `[shape=(n_frames,)]`, and for each set
+        the price of a frame that shows the node, and what a frame that holds it costs more `[shape=(S, N)]`
     """
     settings = config.global_search
     targets = cut_long(targets, settings.max_piece_seconds * graph.fps)
     used = np.zeros(graph.n_nodes) if used is None else used
-    problem = _Problem(graph, targets, speaking, config, used)
+    states, controlled = speaking.astype(np.int64), (None, None)
+    if control is not None:
+        states, controlled = states + 2 * control[0], control[1:]
+    problem = _Problem(graph, targets, states, config, used, controlled)
     found = problem.solve(np.zeros(graph.n_nodes))
-    first = objective.total(found, problem.prices, speaking)
+    first = objective.total(found, problem.prices, states)
     if settings.lambda_repeat > 0:
         for sweep in range(settings.sweeps):
             found = problem.sweep(found, WINDOW // 2 * (sweep % 2))
-    found = [_spread_rests(piece, graph, speaking) for piece in found]
-    costs = objective.terms(found, problem.prices, speaking)
+    if control is None:  # frames of a rest are as good as one another, unless somebody says otherwise
+        found = [_spread_rests(piece, graph, speaking) for piece in found]
+    costs = objective.terms(found, problem.prices, states)
     rows = [{name: float(values[k]) for name, values in costs.items() if values[k]} for k in range(len(found))]
     described = tuple(
         replace(piece, cost=sum(row.values()), fallback=_relaxation(row), costs=row)
         for piece, row in zip(found, rows, strict=True)
     )
-    return Result(described, first, objective.total(found, problem.prices, speaking))
+    return Result(described, first, objective.total(found, problem.prices, states))
 
 
 def cut_long(targets: Sequence[Target], max_frames: float) -> list[Target]:
@@ -115,11 +122,13 @@ class _Problem:
     """One graph, one speech: the arrays of the dynamic program, for all pieces or for a window of them."""
 
     def __init__(
-        self, graph: MotionGraph, targets: Sequence[Target], speaking: np.ndarray, config: Config, used: np.ndarray
-    ):
+        self, graph: MotionGraph, targets: Sequence[Target], states: np.ndarray, config: Config, used: np.ndarray,
+        controlled: tuple[np.ndarray | None, np.ndarray | None] = (None, None),
+    ):  # fmt: skip
         self.graph, self.targets, self.used = graph, targets, used
-        self.settings, self.speaking = config.global_search, speaking
-        self.prices = PriceList(graph, config.global_search, config.continuity)
+        self.settings, self.states = config.global_search, states.astype(np.int64)
+        self.prices = PriceList(graph, config.global_search, config.continuity, *controlled)
+        self.holding = self.prices.holding + self.prices.control_held
         self.joins = _joins(graph, config.global_search, config.continuity)
         rules = {(target.end_kind == CUT, target.keyword): target for target in targets}
         keys = sorted(rules)
@@ -132,7 +141,7 @@ class _Problem:
             rules=np.array([keys.index((target.end_kind == CUT, target.keyword)) for target in targets]),
             end_prices=np.array([np.add(*self.prices.end_prices(rules[key])) for key in keys]),
             open_rules=np.array([cut for cut, _ in keys]),
-            speaking=speaking.astype(np.int64),
+            states=self.states,
             followed=False,
         )
         most_actions = kernels.EDGE + int(np.diff(self.joins.edge_starts).max(initial=0))
@@ -151,10 +160,10 @@ class _Problem:
         pieces = self.all_pieces._replace(
             **{name: getattr(self.all_pieces, name)[window] for name in kernels.PER_PIECE}, followed=after >= 0
         )
+        shown = self.prices.shown + self.prices.control + self.used
         prices = kernels.Prices(
-            self.prices.shown + self.used, self.prices.passing, self.prices.holding, entering,
-            self.settings.lambda_len,
-        )  # fmt: skip
+            shown, shown.min(axis=0), self.prices.passing, self.holding, entering, self.settings.lambda_len
+        )
         shape = (len(pieces.starts), n_nodes)
         tables = kernels.Tables(
             actions=self.actions,
@@ -167,7 +176,7 @@ class _Problem:
         )
         if after >= 0:
             tables.first_costs[-1, after] = 0.0
-        holding = self.prices.holding[int(self.speaking[pieces.starts[0]])]
+        holding = self.holding[int(self.states[pieces.starts[0]])]
         open_piece = shape[0] - 1
         while open_piece >= 0:
             kernels.solve(open_piece, pieces, prices, self.joins, tables)
@@ -198,7 +207,7 @@ class _Problem:
         return pieces
 
     def _cost(self, pieces: Sequence[Piece]) -> float:
-        total = objective.total(pieces, self.prices, self.speaking)["total"]
+        total = objective.total(pieces, self.prices, self.states)["total"]
         return total + float(sum(self.used[piece.nodes].sum() for piece in pieces))
 
 

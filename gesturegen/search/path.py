@@ -79,9 +79,11 @@ class Path:
     objective : None, or the sums of an objective by term: of a global search `first`, without repetition, and `final`,
         of GestureMaster's for the `upper` and the `lower` body
     notes : what a user should know of it
+    demands : what the hands are to be like (`control.schedule.Demand`)
     """
 
     tracks: tuple[Track, ...]
     failure: Target | None = None
     objective: Mapping[str, Mapping[str, float]] | None = None
     notes: tuple[str, ...] = ()
+    demands: tuple = ()

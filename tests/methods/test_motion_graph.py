@@ -1,5 +1,7 @@
 """The published search of a whole test speech, piece by piece."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 
 from gesturegen.methods import METHODS
 from gesturegen.methods.motion_graph import build, search
+from gesturegen.speech.acoustics import Acoustics
 from tests import naive, tiny
 from tests.gestures import gesture_builders
 
@@ -301,8 +304,12 @@ def test_the_graph_does_not_change():
 @pytest.mark.parametrize("name", sorted(METHODS))
 def test_every_method_builds_and_searches(name):
     # Long enough, and with words and arms, that there are clips to cut and hands to tell their rhythm.
-    rng, config = np.random.default_rng(6), gesture_builders.config(method=name)
-    method = METHODS[name]
-    library = method.build([gesture_builders.reference(rng, 150, onsets=range(0, 150, 20))], config)
-    path = method.search(library, random_speech(rng, 45), config, np.random.default_rng(0))
+    rng, method = np.random.default_rng(6), METHODS[name]
+    joints = {"joints": ("b_l_wrist", "b_r_wrist")}
+    config = gesture_builders.config(method=name, acoustics={"enabled": True}, motion_matching=joints)
+    reference = gesture_builders.reference(rng, 150, onsets=range(0, 150, 20))
+    sound = Acoustics(rng.normal(size=(75, 14)), 15.0)
+    library = method.build([replace(reference, speech=replace(reference.speech, acoustics=sound))], config)
+    speech = replace(random_speech(rng, 45), acoustics=sound)
+    path = method.search(library, speech, config, np.random.default_rng(0))
     assert frames_of(path) == 45

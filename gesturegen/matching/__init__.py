@@ -1,0 +1,1 @@
+"""Features of k-NN motion matching (Habibie et al. 2022)."""

@@ -1,0 +1,475 @@
+"""`compare`: every method and the baselines over the same clips, in one table and on one page side by side."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+import shutil
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from gesturegen import __version__, clips, evaluation, files, submission
+from gesturegen.ablation.plan import Plan, seeded
+from gesturegen.ablation.summary import Setup
+from gesturegen.ablation.tables import format_spread
+from gesturegen.config import Config
+from gesturegen.errors import DataError, GesturegenError
+from gesturegen.evaluation import Measure
+from gesturegen.methods import METHODS
+from gesturegen.metrics.usage import training_utilisation
+from gesturegen.motion import bvh, cleanup
+from gesturegen.parallel import for_each, one_display
+from gesturegen.pipeline.ablate import build_shared_graphs, durations, gesture, measure, shared_graphs
+from gesturegen.pipeline.common import (
+    Summary,
+    chosen_references,
+    clip_path,
+    graph_name,
+    read_index,
+    require_writable,
+    work_path,
+)
+from gesturegen.pipeline.memory import require_memory_for
+from gesturegen.randomness import generator
+from gesturegen.report import pack, page
+from gesturegen.speech import audio
+from gesturegen.tables import format_figure, json_figures
+
+FOLDER = "compare"
+MACHINE_BLOCK = "time and memory, of this machine"
+# No second run repeats these.
+MACHINE_MEASURES = (
+    Measure("search_seconds", "search s per clip", MACHINE_BLOCK),
+    Measure("search_memory", "library and search MB", MACHINE_BLOCK),
+    Measure("peak_memory", "whole process MB", MACHINE_BLOCK),
+)
+NOTE = (
+    "Totals over the clips, as of `evaluate` with the base config; mean ± standard deviation over seeds. Search time is "
+    "that of one clip, without loading and compiling. Memory is the peak of resident memory of a fresh process that "
+    "loads a library and searches for the longest clip, at the first seed: the whole process, and what that added to "
+    "a process with everything imported, compiled loops included; pages of a mapped library count once looked at."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class _Comparison:
+    """A whole comparison: the table's rows by setup, and a row of figures for each setup, seed and clip."""
+
+    columns: list[Measure]
+    setups: dict[str, Setup]
+    clips: list[dict]
+    n_clips: int
+    signature: dict
+
+
+@dataclass(frozen=True)
+class _Task:
+    """One setup at one seed.
+
+    references : of each test clip; owners : whose graph serves, by references; kept : where BVH and traces go, None
+    for nowhere
+    """
+
+    setup: str
+    config: Config
+    references: Mapping[str, tuple[str, ...]]
+    owners: Mapping[tuple[str, ...], str]
+    kept: Path | None
+
+
+def compare(plan: Plan, jobs: int, quiet: bool, out: Path | None = None) -> Summary:
+    """Gesture and measure every test clip in every setup with every seed; write the table and the page.
+
+    out : the page, by default WORK/compare/report.html. WORK/compare/<setup> becomes a work folder with the first
+    seed's motions.
+    """
+    index = read_index(plan.base)
+    chosen = {
+        (setup, seed): chosen_references(seeded(config, seed), index)
+        for setup, config in plan.setups.items()
+        for seed in plan.seeds
+    }
+    groups = shared_graphs(plan, chosen)
+    runs = [(plan.setups[setup], tests) for (setup, _), tests in chosen.items()]
+    jobs, warnings = require_memory_for(runs, index, jobs)
+    folder = work_path(plan.base, FOLDER)
+    require_writable(folder)
+    written = [folder / f"compare.{kind}" for kind in ("md", "csv", "json")]
+    written.append(folder / "report.html" if out is None else out)
+    require_writable(written[-1].parent)
+    for path in written:  # of an earlier run, should this one fail
+        path.unlink(missing_ok=True)
+    for name in plan.setups:
+        shutil.rmtree(folder / name, ignore_errors=True)
+    tasks = []
+    for (setup, seed), references in chosen.items():
+        owners = {names: groups[setup, names] for names in references.values()}
+        kept = folder / setup / "reenact" if seed == plan.seeds[0] else None
+        tasks.append(_Task(setup, seeded(plan.setups[setup], seed), references, owners, kept))
+    n_tests = len(index["tests"])
+    with one_display(4, len(set(groups.values())) + n_tests * (len(tasks) + 1) + len(plan.setups), quiet):
+        made = build_shared_graphs(plan, groups, jobs, quiet, True, "compare", FOLDER)
+        if not made.outcome.failed:
+            made = _compare(plan, tasks, index, jobs, quiet, written)
+    made.warnings += warnings
+    made.warnings += [
+        (name, f"in no setup, because it failed in preprocess: {error}") for name, error in index["failed"].items()
+    ]
+    return made
+
+
+def _compare(plan: Plan, tasks: Sequence[_Task], index: dict, jobs: int, quiet: bool, written: list[Path]) -> Summary:
+    runs: dict[str, dict[int, dict[str, float]]] = {setup: {} for setup in plan.setups}
+    rows: list[dict] = []
+    for task in tasks:
+        made, total = _run(task, plan.base, index, jobs, quiet)
+        if made.outcome.failed:
+            # Rows over different clips would compare nothing.
+            made.lines = ["no table was written, because the setups would not be measured on the same clips"]
+            return made
+        runs[task.setup][task.config.seed] = total
+        rows += made.outcome.done.values()
+    first = [task for task in tasks if task.kept is not None]
+    measured = _measure_memory(first, index, jobs, quiet)
+    if measured.outcome.failed:
+        return measured
+    for task in first:
+        runs[task.setup][task.config.seed] |= measured.outcome.done[task.setup]
+    columns = [*evaluation.measures(plan.base), *MACHINE_MEASURES]
+    setups = {setup: _over_seeds(by_seed, columns) for setup, by_seed in runs.items()}
+    signature = plan.signature | {"version": __version__}
+    result = _Comparison(columns, setups, rows, len(index["tests"]), signature)
+    files.write_text(written[0], _format_markdown(result))
+    files.write_text(written[1], _format_csv(result))
+    files.write_json(written[2], _json_table(result))
+    shown = _write_page(written[3], result, plan, first, index, jobs, quiet)
+    shown.lines = [_format_terminal(result), *shown.lines]
+    shown.written = [*written, *(task.kept.parent for task in first)]
+    return shown
+
+
+# --- one setup at one seed ----------------------------------------------------------------------------------
+
+
+def _run(task: _Task, base: Config, index: dict, jobs: int, quiet: bool) -> tuple[Summary, dict[str, float]]:
+    """Its rows by clip, and its figures in total as `evaluate` forms them."""
+    named = {
+        f"{test}, seed {task.config.seed}, {task.setup}": partial(
+            _run_clip, task, test, base, index["tests"][test]["truth"]
+        )
+        for test in task.references
+    }
+    outcome = for_each(named, jobs, "compare", quiet)
+    made = Summary(outcome)
+    if outcome.failed:
+        return made, {}
+    done = list(outcome.done.values())
+    outcome.done = {name: one["row"] for name, one in outcome.done.items()}
+    rows = list(outcome.done.values())
+    pairs = [(one["generated"], one["truth"]) for one in done if one["truth"] is not None]
+    with threadpool_limits(limits=1):  # as in the workers, so that the figures depend on no number of threads
+        total = evaluation.totals(rows, [pair[0] for pair in pairs], [pair[1] for pair in pairs], base)
+    seconds = durations(task.config, task.references, index)
+    rest = max(index["training_seconds"] - sum(seconds.values()), 0.0)
+    moving = [row for row in rows if not row["failure"]]
+    used = training_utilisation([task.references[row["clip"]] for row in moving], {**seconds, "": rest})
+    for row, share in zip(moving, used.per_clip, strict=True):
+        row["utilisation"] = float(share)
+    total["utilisation"] = used.overall
+    total["search_seconds"] = float(np.mean([row["search_seconds"] for row in rows]))
+    if task.kept is not None:
+        _complete_folder(task, [one["manifest_row"] for one in done])
+    return made, total
+
+
+def _run_clip(task: _Task, test: str, base: Config, truth_path: str | None) -> dict:
+    names = task.references[test]
+    made = gesture(task.owners[names], test, names, task.config, base, FOLDER)
+    if task.kept is not None:
+        submission.write_clip(task.kept, test, made.motion, {**made.trace, "inputs": ""})
+    row, generated, truth = evaluation.failed_row(base), None, None
+    if made.motion is not None:
+        row, generated, truth = measure(made, test, base, truth_path)
+    about = {"setup": task.setup, "seed": task.config.seed, "clip": test, "references": list(names)}
+    return {
+        "row": about | row | {"search_seconds": round(made.seconds, 4)},
+        "generated": generated,
+        "truth": truth,
+        "manifest_row": submission.clip_row(made.trace),
+    }
+
+
+def _complete_folder(task: _Task, rows: Sequence[dict]) -> None:
+    """Make the folder of a setup a work folder, so that every command works on it: it shares the clips."""
+    folder = task.kept.parent
+    files.write_json(task.kept / "manifest.json", submission.manifest(rows, task.config, task.kept))
+    target = os.path.relpath(work_path(task.config, "clips").resolve(), folder.resolve())
+    try:
+        (folder / "clips").symlink_to(target, target_is_directory=True)
+    except OSError as error:
+        raise DataError(
+            f"{folder / 'clips'}: cannot be a link to {target} ({error.strerror}); choose a folder that can hold "
+            "links, with --work"
+        ) from None
+
+
+def _over_seeds(by_seed: Mapping[int, Mapping[str, float]], columns: Sequence[Measure]) -> Setup:
+    """Mean and spread of a setup's runs; NaN where no run has the figure, no spread of fewer than two."""
+    mean, spread = {}, {}
+    for column in columns:
+        values = np.array([run.get(column.key, math.nan) for run in by_seed.values()])
+        values = values[np.isfinite(values)]
+        mean[column.key] = float(values.mean()) if len(values) else math.nan
+        spread[column.key] = math.nan
+        if len(values) > 1:  # equal figures differ from their mean by its rounding
+            spread[column.key] = float(values.std(ddof=1)) if np.ptp(values) > 0 else 0.0
+    runs = {
+        seed: {column.key: run.get(column.key, math.nan) for column in columns} for seed, run in by_seed.items()
+    }  # fmt: skip
+    return Setup(runs, mean, spread)
+
+
+# --- memory -------------------------------------------------------------------------------------------------
+
+
+def _measure_memory(tasks: Sequence[_Task], index: dict, jobs: int, quiet: bool) -> Summary:
+    """For each setup what memory the search of the longest clip takes."""
+    longest = max(sorted(index["tests"]), key=lambda name: index["tests"][name]["seconds"])
+    named = {}
+    for task in tasks:
+        names = task.references[longest]
+        graph = work_path(task.config, FOLDER, task.setup, "graphs", f"{graph_name(task.config, names)}.npz")
+        named[task.setup] = partial(_in_fresh_process, partial(_search_memory, graph, longest, task.config))
+    return Summary(for_each(named, jobs, "compare: memory", quiet))
+
+
+def _in_fresh_process(work):
+    """What `work` returns in a process of its own, which no earlier work has made larger."""
+    from joblib.externals.loky import ProcessPoolExecutor
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    with ProcessPoolExecutor(max_workers=1) as executor:
+        try:
+            return executor.submit(work).result()
+        except TerminatedWorkerError:
+            raise DataError("the process that searched died, most likely out of memory") from None
+
+
+def _search_memory(graph: Path, test: str, config: Config) -> dict[str, float]:
+    with threadpool_limits(limits=1):
+        before = _peak_megabytes()
+        library = METHODS[config.method].load(graph, config)
+        speech = clips.load(clip_path(config, test), config, with_motion=False).test_speech(config)
+        METHODS[config.method].search(library, speech, config, generator(config.seed, test))
+        peak = _peak_megabytes()
+    return {"search_memory": round(peak - before, 1), "peak_memory": round(peak, 1)}
+
+
+def _peak_megabytes() -> float:
+    """Most resident memory that this process has had, in MB; NaN where that cannot be asked."""
+    try:
+        # Unlike `ru_maxrss`, which on Linux starts from that of the process that started this one.
+        for line in Path("/proc/self/status").read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024 / 1e6
+        import resource
+
+        unit = 1 if sys.platform == "darwin" else 1024
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+    except (OSError, ImportError):
+        return math.nan
+
+
+# --- the table ----------------------------------------------------------------------------------------------
+
+
+def _cells(result: _Comparison, block: str) -> list[list[str]]:
+    """Heading and rows of one block."""
+    columns = [column for column in result.columns if column.block == block]
+    rows = [["setup", *(column.heading for column in columns)]]
+    for name, setup in result.setups.items():
+        cells = [format_spread(setup.mean[column.key], setup.spread[column.key]) for column in columns]
+        of = [f" of {result.n_clips}" if column.key == "failure" else "" for column in columns]
+        rows.append([name, *(cell + end for cell, end in zip(cells, of, strict=True))])
+    return rows
+
+
+def _blocks(result: _Comparison) -> list[str]:
+    return list(dict.fromkeys(column.block for column in result.columns))
+
+
+def _format_terminal(result: _Comparison) -> str:
+    parts = []
+    for block in _blocks(result):
+        lines = _cells(result, block)
+        widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
+        rows = [
+            "  ".join([line[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(line[1:], widths[1:], strict=True))])
+            for line in lines
+        ]
+        parts.append("\n".join([f"[{block}]", *rows]))
+    return "\n\n".join([*parts, NOTE, _signature_line(result)])
+
+
+def _format_markdown(result: _Comparison) -> str:
+    parts = ["# Comparison of methods"]
+    for block in _blocks(result):
+        header, *rows = _cells(result, block)
+        lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
+        parts.append("\n".join([f"## {block}", "", *("| " + " | ".join(line) + " |" for line in lines)]))
+    return "\n\n".join([*parts, NOTE, f"`{_signature_line(result)}`"]) + "\n"
+
+
+def _format_csv(result: _Comparison) -> str:
+    """Per setup a row for each seed, `mean` and `spread`; each ends in what produced it."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    keys = [column.key for column in result.columns]
+    writer.writerow(["setup", "seed", *keys, "clips", "config_hash", "seeds", "version"])
+    seeds = " ".join(map(str, result.signature["seeds"]))
+    for name, setup in result.setups.items():
+        source = [result.n_clips, result.signature["config_hashes"][name], seeds, result.signature["version"]]
+        runs = {**{str(seed): run for seed, run in setup.by_seed.items()}, "mean": setup.mean, "spread": setup.spread}
+        for label, figures in runs.items():
+            cells = ["-" if math.isnan(figures[key]) else repr(figures[key]) for key in keys]
+            writer.writerow([name, label, *cells, *source])
+    return text.getvalue()
+
+
+def _json_table(result: _Comparison) -> dict:
+    """Everything, down to the single clips; None where there is no figure."""
+    return {
+        "signature": result.signature,
+        "n_clips": result.n_clips,
+        "columns": [{"key": column.key, "heading": column.heading, "block": column.block} for column in result.columns],
+        "setups": {
+            name: {
+                "mean": json_figures(setup.mean),
+                "spread": json_figures(setup.spread),
+                "seeds": {str(seed): json_figures(run) for seed, run in setup.by_seed.items()},
+            }
+            for name, setup in result.setups.items()
+        },
+        "clips": [
+            {key: None if isinstance(value, float) and math.isnan(value) else value for key, value in row.items()}
+            for row in result.clips
+        ],
+    }
+
+
+def _signature_line(result: _Comparison) -> str:
+    hashes = "  ".join(f"{name} {digest}" for name, digest in result.signature["config_hashes"].items())
+    seeds = ", ".join(map(str, result.signature["seeds"]))
+    return f"config hashes: {hashes}  seeds: {seeds}  version: {result.signature['version']}"
+
+
+# --- the page -----------------------------------------------------------------------------------------------
+
+
+def _write_page(
+    path: Path, result: _Comparison, plan: Plan, tasks: Sequence[_Task], index: dict, jobs: int, quiet: bool
+) -> Summary:
+    """Every clip with the motions of all setups at the first seed, and this seed's row of each setup."""
+    folders = {task.setup: task.kept.parent for task in tasks}
+    packed = {name: partial(_pack_clip, name, index["tests"][name], plan.base, folders) for name in index["tests"]}
+    outcome = for_each(packed, jobs, "compare: page", quiet)
+    done = outcome.done
+    failed = outcome.errors | dict.fromkeys(outcome.bugs, "a bug of gesturegen")
+    seed = plan.seeds[0]
+    manifest = {
+        "gesturegen": __version__,
+        "method": "compare",
+        "search": f"{len(folders)} setups",
+        "seed": seed,
+        "config_hash": seeded(plan.base, seed).signature(),
+        "config": {"fps": plan.base.fps},
+        "clips": [_total_row(setup, files.read_json(folder / "reenact" / "manifest.json"))
+                  for setup, folder in folders.items()],
+    }  # fmt: skip
+    figures = {
+        "clips": {_title(name): json_figures(setup.by_seed[seed]) for name, setup in result.setups.items()},
+        "total": {},
+    }
+    content = page.Content(
+        manifest=manifest,
+        figures=figures,
+        compared=list(folders),
+        notices=[_machine_notice(result)],
+        failed=dict(sorted(failed.items())),
+        ablation=None,
+        clips={name: one["text"] for name, one in done.items()},
+        join_scale=max((one["largest_join"] for one in done.values()), default=0.0),
+    )
+    page.write(path, content, plan.base)
+    summary = Summary(outcome)
+    summary.warnings = [(name, note) for name, one in done.items() for note in one["notes"]]
+    summary.lines = [f"{len(done)} clips to watch, {path.stat().st_size / 1e6:.1f} MB"]
+    return summary
+
+
+def _title(setup: str) -> str:
+    return f"all clips, {setup}"
+
+
+def _total_row(setup: str, manifest: Mapping) -> dict:
+    """The row of a setup in the page's table: what its clips that have a motion count together."""
+    rows = [row for row in manifest["clips"] if not row["stuck"]]
+    fallbacks: dict[str, int] = {}
+    for row in rows:
+        for kind, count in row["fallbacks"].items():
+            fallbacks[kind] = fallbacks.get(kind, 0) + count
+    counts = {key: sum(row[key] for row in rows) for key in ("n_frames", "pieces", "hard_joins", "retries")}
+    return {"clip": _title(setup), **counts, "fallbacks": dict(sorted(fallbacks.items())), "error": None}
+
+
+def _machine_notice(result: _Comparison) -> str:
+    """Time and memory, which are no measures of a motion and so have no column in the page's table."""
+    said = []
+    for name, setup in result.setups.items():
+        seconds, memory = (setup.mean[key] for key in ("search_seconds", "search_memory"))
+        said.append(f"{name} {seconds:.3f} s, {format_figure(memory)} MB")
+    return "Search of one clip on this machine, time and peak memory with its library: " + "; ".join(said) + "."
+
+
+def _pack_clip(name: str, indexed: Mapping, base: Config, folders: Mapping[str, Path]) -> dict:
+    """One clip as the text that goes into the page, and notes on what is not there."""
+    notes: list[str] = []
+    speech = clips.load(clip_path(base, name), base, with_motion=False).test_speech(base)
+    motions = []
+    for setup, folder in folders.items():
+        if (folder / "reenact" / f"{name}.bvh").is_file():
+            motions.append(_pack_motion(name, folder, base, setup))
+        else:
+            notes.append(f"{setup} found no path for this clip")
+    if indexed["truth"]:
+        try:
+            truth = cleanup.resample(bvh.read(Path(indexed["truth"])), base.fps)
+            motions.insert(1, pack.pack_motion(truth, base, "truth"))  # among those that are shown at first
+        except GesturegenError as error:
+            notes.append(f"no true motion: {error}")
+    sound = None
+    try:
+        if indexed.get("audio"):
+            sound = pack.pack_audio(*audio.read_samples(indexed["audio"]))
+        else:
+            notes.append("no sound: the index of clips names no audio file; run `gesturegen preprocess` again")
+    except GesturegenError as error:
+        notes.append(f"no sound: {error}")
+    packed = pack.pack_clip(speech, base.keywords.words, motions, sound, notes)
+    distances = [distance for one in motions if one["trace"] for _, distance, _ in one["trace"]["joins"]]
+    return {"text": pack.inert_json(packed), "notes": notes, "largest_join": max(distances, default=0.0)}
+
+
+def _pack_motion(name: str, folder: Path, base: Config, setup: str) -> dict:
+    motion = cleanup.resample(bvh.read(folder / "reenact" / f"{name}.bvh"), base.fps)
+    trace = files.read_json(folder / "reenact" / f"{name}.trace.json")
+    stored = files.read_arrays(folder / "graphs" / f"{trace['graph']}.npz", only=("source_frames",))
+    return pack.pack_motion(motion, base, setup, pack.pack_trace(trace, stored["source_frames"]))

@@ -1,0 +1,152 @@
+"""Gestures of a library folder, shown at a word or a time whatever the search has found (Habibie et al. 2022, §4.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from difflib import get_close_matches
+from functools import lru_cache
+from pathlib import Path as FilePath
+
+import numpy as np
+
+from gesturegen import files
+from gesturegen.clips import Reference, Speech
+from gesturegen.config import Config
+from gesturegen.control.gestures import placements
+from gesturegen.errors import DataError
+from gesturegen.graph import reference_frames
+from gesturegen.graph.reference_frames import ExtendedFrames, ReferenceFrames
+from gesturegen.motion import bvh, cleanup
+from gesturegen.search.path import Path, Piece, Target, Track, resampled_indices
+from gesturegen.submission import GESTURE_PREFIX
+
+# What a piece that shows one is called in a trace.
+KIND = "gesture"
+
+
+def place(
+    path: Path, library: ReferenceFrames, references: Sequence[Reference], speech: Speech, config: Config
+) -> tuple[Path, ReferenceFrames, Sequence[Reference]]:
+    """The path with its gestures, and the frames and references that its nodes then are of.
+
+    All as they were where no gesture is asked for. Of several tracks, as GestureMaster has, the second one, which
+    moves the lower body, goes on as it was.
+    Raises DataError for a gesture that is not in the library or is of another skeleton.
+    """
+    if not config.control.gestures or path.failure is not None:
+        return path, library, references
+    found, notes = placements(config.control, speech)
+    path = replace(path, notes=(*path.notes, *notes))
+    if not found:
+        return path, library, references
+    names = sorted({one.gesture for one in found})
+    gestures = [_load(config, name, references[0]) for name in names]
+    frames = extended(library, gestures, config)
+    first_nodes = dict(zip(names, frames.clip_starts[-len(names) :].tolist(), strict=True))
+    lengths = {name: gesture.motion.n_frames for name, gesture in zip(names, gestures, strict=True)}
+    tracks, ends = path.tracks, 0
+    for one in found:
+        start = max(min(round(one.time * speech.fps), speech.n_frames - 1), ends)
+        if start >= speech.n_frames:
+            note = f"gesture {one.gesture} at {one.time:.2f} s: the one before lasts to the end, so it is left out"
+            path = replace(path, notes=(*path.notes, note))
+            continue
+        ends = min(start + lengths[one.gesture], speech.n_frames)
+        nodes = first_nodes[one.gesture] + np.arange(ends - start)
+        piece = Piece(Target(start, ends, KIND, one.gesture), nodes, 0.0)
+        tracks = tuple(t if n == 1 else replace(t, pieces=_with_piece(t, piece)) for n, t in enumerate(tracks))
+    path = replace(path, tracks=tracks)
+    return path, frames, _Joined(references, gestures)
+
+
+def library_digests(config: Config) -> list[str]:
+    """What the gestures that may be shown hold, so that a result knows when they changed."""
+    if not config.control.gestures or not config.control.library:
+        return []
+    names = sorted({one.gesture for one in config.control.gestures})
+    paths = [FilePath(config.control.library) / f"{name}.bvh" for name in names]
+    return [files.sha256(path) if path.is_file() else "" for path in paths]
+
+
+def load_frames(library: ReferenceFrames, trace: Mapping, config: Config) -> ReferenceFrames:
+    """The frames that a trace's nodes are of: those of its library, and of the gestures that it shows."""
+    names = [one["clip"].removeprefix(GESTURE_PREFIX) for one in trace["references"][len(library.clip_names) :]]
+    return extended(library, [_load(config, name, None) for name in names], config) if names else library
+
+
+def extended(library: ReferenceFrames, gestures: Sequence[Reference], config: Config) -> ExtendedFrames:
+    """The frames of a library and, after them, those of gestures."""
+    own = {name: getattr(library, name) for name in ReferenceFrames.__dataclass_fields__}
+    own["positions"] = np.asarray(own["positions"])
+    described = reference_frames.join([own, *(reference_frames.describe(one, config) for one in gestures)])
+    positions = [own["positions"], *(reference_frames.positions_of(one.motion, config) for one in gestures)]
+    mirrored = np.array([flag for _, flag in library.clips] + [False] * len(gestures))
+    return ExtendedFrames(**described | {"positions": np.concatenate(positions)}, mirrored=mirrored)
+
+
+def _with_piece(track: Track, new: Piece) -> tuple[Piece, ...]:
+    """The pieces of a track with one put in; those that it covers in part are cut where it begins and ends."""
+    start, end = new.target.start_frame, new.target.end_frame
+    before, after = [], []
+    for piece in track.pieces:
+        target = piece.target
+        places = resampled_indices(len(piece.nodes), target.length)
+        if target.start_frame < start:
+            cut = min(start, target.end_frame)
+            last = int(np.floor(places[cut - target.start_frame - 1] + 1e-9))
+            before.append(_part(piece, target.start_frame, cut, piece.nodes[: last + 1]))
+        if target.end_frame > end:
+            cut = max(end, target.start_frame)
+            first = int(np.ceil(places[cut - target.start_frame] - 1e-9))
+            after.append(_part(piece, cut, target.end_frame, piece.nodes[first:]))
+    return (*before, new, *after)
+
+
+def _part(piece: Piece, start: int, end: int, nodes: np.ndarray) -> Piece:
+    target = piece.target
+    if (start, end) == (target.start_frame, target.end_frame):
+        return piece
+    kind, keyword = (target.end_kind, target.keyword) if end == target.end_frame else (KIND, "")
+    return replace(piece, target=Target(start, end, kind, keyword), nodes=nodes)
+
+
+class _Joined(Sequence):
+    """References followed by others, each read when it is looked at."""
+
+    def __init__(self, first: Sequence[Reference], others: Sequence[Reference]):
+        self.first, self.others = first, others
+
+    def __len__(self) -> int:
+        return len(self.first) + len(self.others)
+
+    def __getitem__(self, number: int) -> Reference:
+        return self.first[number] if number < len(self.first) else self.others[number - len(self.first)]
+
+
+def _load(config: Config, name: str, like: Reference | None) -> Reference:
+    """A gesture of the library; like : a reference whose skeleton it must have."""
+    folder = FilePath(config.control.library) if config.control.library else None
+    if folder is None or not folder.is_dir():
+        raise DataError(f"control.library: {config.control.library!r} is no folder; give the one that has {name}.bvh")
+    path = folder / f"{name}.bvh"
+    if not path.is_file():
+        known = sorted(one.stem for one in folder.glob("*.bvh"))
+        near = get_close_matches(name, known, n=1, cutoff=0.4)
+        hint = f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(known) or 'no BVH file'}"
+        raise DataError(f"{path}: no such gesture; {hint}")
+    gesture = _read(str(path), files.sha256(path), config.model_dump_json(by_alias=True))
+    difference = like and gesture.motion.skeleton.difference(like.motion.skeleton)
+    if difference:
+        raise DataError(f"{path}: not the skeleton of the references: {difference}; retarget it first")
+    return gesture
+
+
+@lru_cache(maxsize=32)
+def _read(path: str, _digest: str, config_json: str) -> Reference:
+    config = Config.model_validate_json(config_json)
+    motion = cleanup.resample(bvh.read(path), config.fps)
+    motion, _ = cleanup.clean_wrists(motion, np.array([0]), config.wrists)
+    speech = Speech(FilePath(path).stem, np.empty(0), (), motion.n_frames, float(config.fps))
+    name = GESTURE_PREFIX + FilePath(path).stem
+    return Reference(name, motion, speech, np.arange(motion.n_frames), np.array([0]))
