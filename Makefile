@@ -44,7 +44,7 @@ ablation: install  ## the paper's Table 2 on a synthetic dataset, in ablation/
 	@echo 'bar plot:         ablation/work/ablation/ablation.png'
 
 test: install  ## the fast tests
-	$(BIN)/python -m pytest -m 'not slow' -q
+	$(BIN)/python -m pytest -m 'not slow' -q -n auto --dist loadfile
 
 test-slow: install  ## the tests that take longer
 	$(BIN)/python -m pytest -m slow -q

@@ -65,7 +65,10 @@ def is_of(trace: Mapping, library: ReferenceFrames) -> bool:
         max(piece["nodes"]) >= library.n_nodes for piece in pieces if piece["end_kind"] != "gesture"
     ):
         return False
-    return not isinstance(library, GestureDatabase) or all(_gesture(piece, library) is not None for piece in pieces)
+    if not isinstance(library, GestureDatabase):
+        return True
+    # Beside a gesture of a folder, clips are cut and cannot be told by their ends.
+    return len(own) < len(trace["references"]) or all(_gesture(piece, library) is not None for piece in pieces)
 
 
 def _is_mirrored(reference: Mapping) -> bool:
@@ -117,6 +120,8 @@ def _gesture(piece: Mapping, library: ReferenceFrames | None) -> str | None:
 
 
 def _locate(trace: Mapping, library: ReferenceFrames | None, node: int) -> dict:
+    if library is not None and node >= library.n_nodes:
+        library = None  # a gesture of a folder
     starts = [reference["start_node"] for reference in trace["references"]]
     clip = int(np.searchsorted(starts, node, side="right") - 1)
     reference = trace["references"][clip]

@@ -71,8 +71,16 @@ def library_digests(config: Config) -> list[str]:
 
 def load_frames(library: ReferenceFrames, trace: Mapping, config: Config) -> ReferenceFrames:
     """The frames that a trace's nodes are of: those of its library, and of the gestures that it shows."""
-    names = [one["clip"].removeprefix(GESTURE_PREFIX) for one in trace["references"][len(library.clip_names) :]]
-    return extended(library, [_load(config, name, None) for name in names], config) if names else library
+    own = trace["references"][len(library.clip_names) :]
+    if not own:
+        return library
+    names = [one["clip"].removeprefix(GESTURE_PREFIX) for one in own]
+    frames = extended(library, [_load(config, name, None) for name in names], config)
+    last = max(max(piece["nodes"]) for track in (trace, *trace["tracks"]) for piece in track["pieces"])
+    starts = frames.clip_starts[len(library.clip_names) :].tolist()
+    if last >= frames.n_nodes or starts != [one["start_node"] for one in own]:
+        raise DataError(f"clip {trace['clip']}: its gestures changed since; run `gesturegen reenact` again")
+    return frames
 
 
 def extended(library: ReferenceFrames, gestures: Sequence[Reference], config: Config) -> ExtendedFrames:

@@ -112,10 +112,14 @@ def train_refiner(config: Config, jobs: int, quiet: bool) -> Summary:
     started = time.monotonic()
     with _bar(config.refiner.iterations, quiet) as bar:
         history = training.train(pairs, config.refiner, config.seed, path, description, progress=partial(_advance, bar))
-    margin = training.conditioning_margin(path, pairs)
+    try:
+        margin, warnings = training.conditioning_margin(path, pairs), []
+    except DataError as error:  # too few windows are held out
+        margin, warnings = {}, [("margin", str(error))]
     files.write_json(path.with_suffix(".json"), {"windows": len(pairs.audio), **_figures(history), "margin": margin})
     return Summary(
         Outcome(done={name: None for name in names}),
+        warnings,
         lines=_describe(history, pairs, margin, time.monotonic() - started),
         written=[path, path.with_suffix(".json")],
     )
@@ -242,5 +246,8 @@ def _describe(history, pairs, margin: dict, seconds: float) -> list[str]:
         f"{figures['gradient_norm_first']:.2f} -> {figures['gradient_norm_last']:.2f}, held-out figure "
         f"{min(figures['held_out'], default=float('nan')):.3f} (1 is the k-NN's motion as it is)",
         "lost by other audio in held-out windows, mean ± deviation over 5 shuffles: "
-        + ", ".join(f"{name} {margin[name]['mean']:.3f} ± {margin[name]['std']:.3f}" for name in ("critic", "generator")),
+        + ("" if margin else "not measured")
+        + ", ".join(
+            f"{name} {margin[name]['mean']:.3f} ± {margin[name]['std']:.3f}" for name in ("critic", "generator") if margin
+        ),
     ]  # fmt: skip

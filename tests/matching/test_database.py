@@ -169,7 +169,7 @@ def test_where_the_speaker_stands_and_faces_does_not_matter():
     rotations, positions = recorded.motion.rotations.copy(), recorded.motion.positions.copy()
     own = Rotation.from_quat(rotations[:, 0], scalar_first=True)
     rotations[:, 0] = (turn * own).as_quat(scalar_first=True)
-    positions[:, 0] = turn.apply(positions[:, 0]) + [500, 0, -200]
+    positions[:, 0] = turn.apply(positions[:, 0]) + np.array([500, 0, -200])
     moved = replace(recorded, motion=replace(recorded.motion, rotations=rotations, positions=positions))
     np.testing.assert_allclose(build([moved], config()).pose, build([recorded], config()).pose, atol=1e-3)
 
