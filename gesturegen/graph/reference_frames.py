@@ -123,14 +123,19 @@ class ExtendedFrames(ReferenceFrames):
 
 def require_one_skeleton(references: Sequence[Reference]) -> Skeleton:
     """The skeleton of all references; DataError when they differ."""
-    first = references[0]
-    for other in references[1:]:
-        difference = first.motion.skeleton.difference(other.motion.skeleton)
+    return one_skeleton([(reference.name, reference.motion.skeleton) for reference in references])
+
+
+def one_skeleton(named: Sequence[tuple[str, Skeleton]]) -> Skeleton:
+    """The skeleton of all clips, given by name; DataError when they differ."""
+    (first, skeleton), *others = named
+    for name, other in others:
+        difference = skeleton.difference(other)
         if difference:
             raise DataError(
-                f"clips {first.name} and {other.name} cannot share a graph: {difference}; choose clips of one skeleton"
+                f"clips {first} and {name} cannot share a graph: {difference}; choose clips of one skeleton"
             )
-    return first.motion.skeleton
+    return skeleton
 
 
 def positions_of(motion: Motion, config: Config) -> np.ndarray:

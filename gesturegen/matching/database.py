@@ -16,10 +16,18 @@ from gesturegen.clips import Reference
 from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.graph import reference_frames
-from gesturegen.graph.reference_frames import ReferenceFrames, describe, join, positions_of, require_one_skeleton
+from gesturegen.graph.reference_frames import (
+    ReferenceFrames,
+    describe,
+    join,
+    one_skeleton,
+    positions_of,
+    require_one_skeleton,
+)
 from gesturegen.matching import features
 from gesturegen.matching.features import Scaling
 from gesturegen.motion import kinematics
+from gesturegen.motion.skeleton import Skeleton
 from gesturegen.search.nearest import Candidates
 
 FORMAT_VERSION = 1
@@ -69,36 +77,49 @@ def step_frames(config: Config) -> int:
     return max(round(config.motion_matching.step_seconds * config.fps), 1)
 
 
-def build(references: Sequence[Reference], config: Config) -> MatchingDatabase:
-    """The database of one or several references with the same skeleton.
+@dataclass(frozen=True, eq=False)
+class Part:
+    """What a recording brings: features before they are scaled, positions, and `reference_frames.describe`."""
 
-    Raises DataError when their skeletons differ or lack a configured joint, or when their sound was not measured.
+    described: dict
+    skeleton: Skeleton
+    positions: np.ndarray
+    pose: np.ndarray
+    audio: np.ndarray
+
+
+def describe_part(reference: Reference, config: Config) -> Part:
+    """The features of a recording.
+
+    Raises DataError when its skeleton lacks a configured joint or its sound was not measured.
     """
-    skeleton = require_one_skeleton(references)
-    described = join([describe(reference, config) for reference in references])
-    settings = config.motion_matching
+    settings, skeleton, fps = config.motion_matching, reference.motion.skeleton, reference.motion.fps
+    if reference.speech.acoustics is None:
+        raise DataError(f"clip {reference.name}: its sound was not measured; set acoustics.enabled: true")
     joints = [skeleton.index(name) for name in settings.joints]
     pelvis = skeleton.pelvis(config.positions.root_joint)
-    poses, sounds = [], []
-    for reference in references:
-        seen = kinematics.relative_positions(reference.motion, joints, pelvis, "root_heading")
-        poses.append(
-            features.pose_features(
-                seen * config.positions.scale, reference.segment_starts, reference.motion.fps, settings
-            )
-        )
-        if reference.speech.acoustics is None:
-            raise DataError(f"clip {reference.name}: its sound was not measured; set acoustics.enabled: true")
-        times = reference.source_frames / reference.motion.fps
-        sounds.append(features.audio_features(reference.speech.acoustics, times, settings))
-    pose, audio = np.concatenate(poses), np.concatenate(sounds)
+    seen = kinematics.relative_positions(reference.motion, joints, pelvis, "root_heading") * config.positions.scale
+    return Part(
+        describe(reference, config),
+        skeleton,
+        positions_of(reference.motion, config),
+        features.pose_features(seen, reference.segment_starts, fps, settings),
+        features.audio_features(reference.speech.acoustics, reference.source_frames / fps, settings),
+    )
+
+
+def assemble(parts: Sequence[Part], config: Config) -> MatchingDatabase:
+    """The database of several recordings; DataError when their skeletons differ."""
+    one_skeleton([(part.described["clip_names"][0], part.skeleton) for part in parts])
+    described = join([part.described for part in parts])
+    pose, audio = (np.concatenate([getattr(part, name) for part in parts]) for name in ("pose", "audio"))
     pose_scaling, audio_scaling = Scaling.of(pose), Scaling.of(audio)
     segment_starts, n_nodes = described["segment_starts"], len(pose)
-    starts, stops = features.sequences(segment_starts, n_nodes, described["fps"], settings)
+    starts, stops = features.sequences(segment_starts, n_nodes, described["fps"], config.motion_matching)
     ends = np.append(segment_starts[1:], n_nodes) - 1
     last = ends[np.searchsorted(segment_starts, np.arange(n_nodes), side="right") - 1]
     return MatchingDatabase(
-        positions=np.concatenate([positions_of(reference.motion, config) for reference in references]),
+        positions=np.concatenate([part.positions for part in parts]),
         **described,
         pose=features.apply(pose_scaling, pose),
         audio=features.apply(audio_scaling, audio),
@@ -110,6 +131,12 @@ def build(references: Sequence[Reference], config: Config) -> MatchingDatabase:
         sequence_stops=stops,
         valid=np.arange(n_nodes) + step_frames(config) <= last,
     )
+
+
+def build(references: Sequence[Reference], config: Config) -> MatchingDatabase:
+    """The database of one or several references; DataErrors as by `describe_part` and `assemble`."""
+    require_one_skeleton(references)
+    return assemble([describe_part(reference, config) for reference in references], config)
 
 
 def save(path: str | Path, database: MatchingDatabase, config: Config, clip_digests: Sequence[str] = ()) -> None:

@@ -26,6 +26,7 @@ from gesturegen.gestures.extraction import BODIES, Gestures, extract
 from gesturegen.graph.reference_frames import describe as describe_frames
 from gesturegen.graph.reference_frames import join, require_one_skeleton
 from gesturegen.keynodes import KeyNodes
+from gesturegen.methods import METHODS
 from gesturegen.parallel import Outcome, for_each
 from gesturegen.pipeline.common import clip_path, digests, limits, load_reference, work_path
 from gesturegen.recordings import is_listed
@@ -44,7 +45,7 @@ def prepare(libraries: Mapping[str, Library], jobs: int, label: str, quiet: bool
 
     Returns errors and bugs by library.
     """
-    todo = {name: library for name, library in libraries.items() if not (reuse and _is_current(library))}
+    todo = {name: library for name, library in libraries.items() if not (reuse and is_current(library))}
     different = {name: line for name, library in todo.items() if (line := _different_skeletons(library))}
     tasks, users = {}, {}
     for name, library in todo.items():
@@ -70,9 +71,10 @@ def prepare(libraries: Mapping[str, Library], jobs: int, label: str, quiet: bool
     return Outcome(errors=failed.errors | linked.errors, bugs=failed.bugs | linked.bugs)
 
 
-def _is_current(library: Library) -> bool:
+def is_current(library: Library) -> bool:
+    """Whether what is stored was built of these clips with these settings."""
     try:
-        database.load(library.path, library.config, digests(library.config, library.names))
+        METHODS[library.config.method].load(library.path, library.config, digests(library.config, library.names))
     except DataError:
         return False
     return True

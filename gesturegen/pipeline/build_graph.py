@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,7 +14,7 @@ from gesturegen.errors import DataError
 from gesturegen.gestures.database import GestureDatabase
 from gesturegen.graph.motion_graph import MotionGraph
 from gesturegen.graph.reference_frames import ReferenceFrames
-from gesturegen.matching.database import MatchingDatabase
+from gesturegen.matching import database as matching
 from gesturegen.methods import METHODS
 from gesturegen.parallel import Outcome, for_each
 from gesturegen.pipeline import build_database
@@ -24,6 +24,8 @@ from gesturegen.pipeline.common import (
     digests,
     graph_name,
     graph_path,
+    limits,
+    load_reference,
     load_references,
     read_index,
     require_writable,
@@ -67,14 +69,51 @@ def build_libraries(
     """Build and store them all; the result of each is what to say of it: `lines` and `notes`."""
     staged = {name: library for name, library in libraries.items() if library.config.method == "gesture_master"}
     outcome = build_database.prepare(staged, jobs, label, quiet, reuse)
+    parts, broken = _matching_parts(libraries, jobs, label, quiet, reuse)
+    outcome = Outcome(errors=outcome.errors | broken.errors, bugs=outcome.bugs | broken.bugs)
     failed = outcome.errors | outcome.bugs
-    tasks = {name: partial(_build, library, reuse) for name, library in libraries.items() if name not in failed}
+    tasks = {
+        name: partial(_build, library, reuse, parts.get(name))
+        for name, library in libraries.items()
+        if name not in failed
+    }
     built = for_each(tasks, jobs, label, quiet)
     errors = dict(sorted({**built.errors, **outcome.errors}.items()))
     return Outcome(built.done, errors, dict(sorted({**built.bugs, **outcome.bugs}.items())))
 
 
-def _build(library: Library, reuse: bool) -> dict:
+def _matching_parts(
+    libraries: Mapping[str, Library], jobs: int, label: str, quiet: bool, reuse: bool
+) -> tuple[dict[str, list[matching.Part]], Outcome]:
+    """The recordings of matching databases, each in a task of its own, and what failed, by library."""
+    tasks, users = {}, {}
+    for name, library in libraries.items():
+        config = library.config
+        if (
+            config.method == "motion_matching"
+            and len(library.names) > 1
+            and not (reuse and build_database.is_current(library))
+        ):
+            for recording, limit in zip(library.names, limits(config, library.names), strict=True):
+                tasks[f"{name}, {recording}"] = partial(_matching_part, config, recording, limit)
+                users.setdefault(name, []).append(f"{name}, {recording}")
+    outcome = for_each(tasks, jobs, f"{label}: features", quiet) if tasks else Outcome()
+    broken = Outcome()
+    for name, titles in users.items():
+        for title in titles:
+            if title in outcome.errors:
+                broken.errors.setdefault(name, outcome.errors[title])
+            if title in outcome.bugs:
+                broken.bugs.setdefault(name, outcome.bugs[title])
+    whole = {name: titles for name, titles in users.items() if name not in broken.errors | broken.bugs}
+    return {name: [outcome.done[title] for title in titles] for name, titles in whole.items()}, broken
+
+
+def _matching_part(config: Config, recording: str, limit: int | None) -> matching.Part:
+    return matching.describe_part(load_reference(config, recording, limit), config)
+
+
+def _build(library: Library, reuse: bool, parts: Sequence[matching.Part] | None) -> dict:
     config, method = library.config, METHODS[library.config.method]
     clip_digests = digests(config, library.names)
     if reuse:
@@ -86,6 +125,8 @@ def _build(library: Library, reuse: bool) -> dict:
             pass
     if config.method == "gesture_master":
         found = build_database.assemble(config, library.names, library.path)
+    elif parts is not None:
+        found = matching.assemble(parts, config)
     else:
         found = method.build(load_references(config, library.names), config)
     method.save(library.path, found, config, clip_digests)
@@ -98,7 +139,7 @@ def _describe(found: ReferenceFrames, config: Config) -> dict:
     if isinstance(found, GestureDatabase):
         return build_database.describe(found, config)
     if not isinstance(found, MotionGraph):
-        sequences = f", {len(found.sequence_starts)} sequences" if isinstance(found, MatchingDatabase) else ""
+        sequences = f", {len(found.sequence_starts)} sequences" if isinstance(found, matching.MatchingDatabase) else ""
         return {"lines": [f"{found.n_nodes} nodes{sequences}"], "notes": []}
     kinds = ", ".join(f"{int(np.sum(found.key_nodes.kinds == kind))} {kind}" for kind in ("onset", "keyword", "break"))
     line = (
