@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections.abc import Mapping
 
 from gesturegen.ablation.summary import BLOCKS, FIGURES, PAPER, PAPER_CLIPS, Result, Setup
 from gesturegen.tables import format_figure, json_figures
@@ -20,25 +21,36 @@ _BESIDE = {"syn": ("syn", "paper"), "bc_kernel": ("bc", "paper BC ↑"), "div": 
 
 def format_terminal(result: Result) -> str:
     """Aligned tables: Table 2 beside the paper's, then a table for each further block of figures."""
+    blocks = {block: _cells(result, block) for block in BLOCKS}
+    return "\n\n".join([*aligned_blocks(blocks), NOTE, _signature_line(result)])
+
+
+def format_markdown(result: Result) -> str:
+    blocks = {block: _cells(result, block) for block in BLOCKS}
+    parts = ["# Ablation (§5.2, Table 2)", *markdown_blocks(blocks), NOTE, f"`{_signature_line(result)}`"]
+    return "\n\n".join(parts) + "\n"
+
+
+def aligned_blocks(blocks: Mapping[str, list[list[str]]]) -> list[str]:
+    """Tables of cells as text for a terminal, by their titles; the first row of each is its heading."""
     parts = []
-    for block in BLOCKS:
-        lines = _cells(result, block)
+    for block, lines in blocks.items():
         widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
         rows = [
             "  ".join([line[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(line[1:], widths[1:], strict=True))])
             for line in lines
         ]
         parts.append("\n".join([f"[{block}]", *rows]))
-    return "\n\n".join([*parts, NOTE, _signature_line(result)])
+    return parts
 
 
-def format_markdown(result: Result) -> str:
-    parts = ["# Ablation (§5.2, Table 2)"]
-    for block in BLOCKS:
-        header, *rows = _cells(result, block)
+def markdown_blocks(blocks: Mapping[str, list[list[str]]]) -> list[str]:
+    """The same as Markdown."""
+    parts = []
+    for block, (header, *rows) in blocks.items():
         lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
         parts.append("\n".join([f"## {block}", "", *("| " + " | ".join(line) + " |" for line in lines)]))
-    return "\n\n".join([*parts, NOTE, f"`{_signature_line(result)}`"]) + "\n"
+    return parts
 
 
 def format_csv(result: Result) -> str:

@@ -49,12 +49,7 @@ def ablate(plan: Plan, jobs: int, quiet: bool, keep: bool = False) -> Summary:
     keep : also leave graphs, BVH files and traces in `ablation/<setup>/`; otherwise motion stays in memory
     """
     index = read_index(plan.base)
-    # The setups share what draws their references, and so the draw; `references.seconds` may cut it shorter.
-    chosen = {
-        (setup, seed): chosen_references(seeded(config, seed), index)
-        for setup, config in plan.setups.items()
-        for seed in plan.seeds
-    }
+    chosen = draw_references(plan, index)
     groups = shared_graphs(plan, chosen)
     runs = [(plan.setups[setup], tests) for (setup, _), tests in chosen.items()]
     jobs, warnings = require_memory_for(runs, index, jobs)
@@ -75,6 +70,18 @@ def ablate(plan: Plan, jobs: int, quiet: bool, keep: bool = False) -> Summary:
         (name, f"in no setup, because it failed in preprocess: {error}") for name, error in index["failed"].items()
     ]
     return made
+
+
+def draw_references(plan: Plan, index: dict) -> _Chosen:
+    """The references of each test clip in each setup with each seed.
+
+    The setups share what draws their references, and so the draw; `references.seconds` may cut it shorter.
+    """
+    return {
+        (setup, seed): chosen_references(seeded(config, seed), index)
+        for setup, config in plan.setups.items()
+        for seed in plan.seeds
+    }
 
 
 def shared_graphs(plan: Plan, chosen: _Chosen) -> dict[tuple[str, tuple[str, ...]], str]:

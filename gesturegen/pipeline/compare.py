@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 from gesturegen import __version__, clips, evaluation, files, submission
 from gesturegen.ablation.plan import Plan, seeded
 from gesturegen.ablation.summary import Setup
-from gesturegen.ablation.tables import format_spread
+from gesturegen.ablation.tables import aligned_blocks, format_spread, markdown_blocks
 from gesturegen.config import Config
 from gesturegen.errors import DataError, GesturegenError
 from gesturegen.evaluation import Measure
@@ -27,10 +27,9 @@ from gesturegen.methods import METHODS
 from gesturegen.metrics.usage import training_utilisation
 from gesturegen.motion import bvh, cleanup
 from gesturegen.parallel import for_each, one_display
-from gesturegen.pipeline.ablate import build_shared_graphs, durations, gesture, measure, shared_graphs
+from gesturegen.pipeline.ablate import build_shared_graphs, draw_references, durations, gesture, measure, shared_graphs
 from gesturegen.pipeline.common import (
     Summary,
-    chosen_references,
     clip_path,
     graph_name,
     read_index,
@@ -92,11 +91,7 @@ def compare(plan: Plan, jobs: int, quiet: bool, out: Path | None = None) -> Summ
     seed's motions.
     """
     index = read_index(plan.base)
-    chosen = {
-        (setup, seed): chosen_references(seeded(config, seed), index)
-        for setup, config in plan.setups.items()
-        for seed in plan.seeds
-    }
+    chosen = draw_references(plan, index)
     groups = shared_graphs(plan, chosen)
     runs = [(plan.setups[setup], tests) for (setup, _), tests in chosen.items()]
     jobs, warnings = require_memory_for(runs, index, jobs)
@@ -307,25 +302,14 @@ def _blocks(result: _Comparison) -> list[str]:
 
 
 def _format_terminal(result: _Comparison) -> str:
-    parts = []
-    for block in _blocks(result):
-        lines = _cells(result, block)
-        widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
-        rows = [
-            "  ".join([line[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(line[1:], widths[1:], strict=True))])
-            for line in lines
-        ]
-        parts.append("\n".join([f"[{block}]", *rows]))
-    return "\n\n".join([*parts, NOTE, _signature_line(result)])
+    blocks = {block: _cells(result, block) for block in _blocks(result)}
+    return "\n\n".join([*aligned_blocks(blocks), NOTE, _signature_line(result)])
 
 
 def _format_markdown(result: _Comparison) -> str:
-    parts = ["# Comparison of methods"]
-    for block in _blocks(result):
-        header, *rows = _cells(result, block)
-        lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
-        parts.append("\n".join([f"## {block}", "", *("| " + " | ".join(line) + " |" for line in lines)]))
-    return "\n\n".join([*parts, NOTE, f"`{_signature_line(result)}`"]) + "\n"
+    blocks = {block: _cells(result, block) for block in _blocks(result)}
+    parts = ["# Comparison of methods", *markdown_blocks(blocks), NOTE, f"`{_signature_line(result)}`"]
+    return "\n\n".join(parts) + "\n"
 
 
 def _format_csv(result: _Comparison) -> str:
