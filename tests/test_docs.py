@@ -127,7 +127,7 @@ def test_the_motion_matching_config_changes_the_method_alone():
         "method": "motion_matching",
         "references.mode": "all",
         "acoustics.enabled": True,
-        "blend.l_blend": 4,
+        "blend.method": "inertialize",
     }
 
 
