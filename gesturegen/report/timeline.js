@@ -333,16 +333,18 @@ class Timeline {
     const [least, most] = this.controlRange(values, low, high);
     const y = (value) => top + 7 + (CONTROL_ROW - 14) * (1 - (value - least) / (most - least));
     pen.strokeStyle = colours["--fallback"];
-    pen.lineWidth = 1.5;
+    // Two whole pixels: a line between them would be pale.
+    pen.lineWidth = 2;
     pen.setLineDash([5, 3]);
     for (const bound of [low, high]) {
       if (bound === null) continue;
       pen.beginPath();
-      pen.moveTo(this.x(from), y(bound));
-      pen.lineTo(this.x(to), y(bound));
+      pen.moveTo(this.x(from), Math.round(y(bound)));
+      pen.lineTo(this.x(to), Math.round(y(bound)));
       pen.stroke();
     }
     pen.setLineDash([]);
+    pen.lineWidth = 1.5;
     pen.strokeStyle = colours["--accent"];
     pen.beginPath();
     const first = Math.max(0, Math.floor(this.start * clip.fps) - 1);
