@@ -55,7 +55,7 @@ def prepare(libraries: Mapping[str, Library], jobs: int, label: str, quiet: bool
             title = _part_path(library.config, recording, limit).stem
             tasks[title] = partial(_extract, library.config, recording, limit)
             users.setdefault(title, []).append(name)
-    failed = _failures(for_each(tasks, jobs, f"{label}: gestures", quiet), users) if tasks else Outcome()
+    failed = failures(for_each(tasks, jobs, f"{label}: gestures", quiet), users) if tasks else Outcome()
     failed.errors |= different
     links, owners = {}, {}
     for name, library in todo.items():
@@ -67,7 +67,7 @@ def prepare(libraries: Mapping[str, Library], jobs: int, label: str, quiet: bool
                 title = f"{name}, {body} body, clips from {first}"
                 links[title] = partial(_link, library.config, library.names, library.path, body, first)
                 owners[title] = [name]
-    linked = _failures(for_each(links, jobs, f"{label}: edges", quiet), owners) if links else Outcome()
+    linked = failures(for_each(links, jobs, f"{label}: edges", quiet), owners) if links else Outcome()
     return Outcome(errors=failed.errors | linked.errors, bugs=failed.bugs | linked.bugs)
 
 
@@ -95,7 +95,7 @@ def _different_skeletons(library: Library) -> str | None:
     return None
 
 
-def _failures(outcome: Outcome, users: Mapping[str, Sequence[str]]) -> Outcome:
+def failures(outcome: Outcome, users: Mapping[str, Sequence[str]]) -> Outcome:
     """What failed, by the libraries that need it."""
     return Outcome(
         errors={name: error for title, error in outcome.errors.items() for name in users[title]},

@@ -95,18 +95,16 @@ def _matching_parts(
             and not (reuse and build_database.is_current(library))
         ):
             for recording, limit in zip(library.names, limits(config, library.names), strict=True):
-                tasks[f"{name}, {recording}"] = partial(_matching_part, config, recording, limit)
-                users.setdefault(name, []).append(f"{name}, {recording}")
+                title = f"{name}, {recording}"
+                tasks[title], users[title] = partial(_matching_part, config, recording, limit), [name]
     outcome = for_each(tasks, jobs, f"{label}: features", quiet) if tasks else Outcome()
-    broken = Outcome()
-    for name, titles in users.items():
-        for title in titles:
-            if title in outcome.errors:
-                broken.errors.setdefault(name, outcome.errors[title])
-            if title in outcome.bugs:
-                broken.bugs.setdefault(name, outcome.bugs[title])
-    whole = {name: titles for name, titles in users.items() if name not in broken.errors | broken.bugs}
-    return {name: [outcome.done[title] for title in titles] for name, titles in whole.items()}, broken
+    broken = build_database.failures(outcome, users)
+    parts: dict[str, list[matching.Part]] = {}
+    for title in tasks:  # in the order of the recordings
+        (name,) = users[title]
+        if name not in broken.errors and name not in broken.bugs:
+            parts.setdefault(name, []).append(outcome.done[title])
+    return parts, broken
 
 
 def _matching_part(config: Config, recording: str, limit: int | None) -> matching.Part:

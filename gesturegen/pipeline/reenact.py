@@ -105,7 +105,7 @@ def _made_of(test: str, names: Sequence[str], config: Config, variant: int) -> s
     parts = (
         __version__, config.signature(), test, *digests(config, names), _graph_digest(config, names),
         *digests(config, [test]), *keyword_gestures.library_digests(config),
-        *([files.sha256(refiner.require_trained(config))] if config.refine else []), f"variant {variant}",
+        *([stored_digest(refiner.require_trained(config))] if config.refine else []), f"variant {variant}",
     )  # fmt: skip
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
