@@ -3,28 +3,32 @@
 from __future__ import annotations
 
 import functools
-import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from gesturegen import __version__
-from gesturegen.errors import GesturegenError
-from gesturegen.parallel import default_jobs
+from gesturegen.console import (
+    FILE,
+    FOLDER,
+    GOES_ON,
+    Program,
+    common,
+    jobs_option,
+    one_line_errors,
+    quiet_option,
+    run_and_print,
+    wait_option,
+    work_folder,
+)
 
 if TYPE_CHECKING:
     from gesturegen.ablation.plan import Plan
     from gesturegen.config import Config
-    from gesturegen.pipeline import Summary
-
-_FOLDER = click.Path(path_type=Path, file_okay=False)
-_FILE = click.Path(path_type=Path, dir_okay=False)
-_MOST_WARNINGS = 20
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(cls=Program, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="gesturegen")
 def main() -> None:
     """Make a virtual speaker gesture to new speech, from very few recorded examples.
@@ -37,90 +41,11 @@ def main() -> None:
     """
 
 
-def _jobs_option(command: Callable) -> Callable:
-    return click.option(
-        "-j", "--jobs", type=click.IntRange(min=1), default=default_jobs, show_default="all processors",
-        help="Worker processes; the results are the same for any number.",
-    )(command)  # fmt: skip
-
-
-def _quiet_option(command: Callable) -> Callable:
-    return click.option("--quiet", is_flag=True, help="Print errors only.")(command)
-
-
-def _common(command: Callable, load: Callable | None = None) -> Callable:
-    """The options of every command that works on a dataset; it is called with `config`, `jobs` and `quiet`.
-
-    load : what reads `config`, in place of `load_config`
-    """
-
-    @click.option("--config", "config_path", type=_FILE, help="YAML settings; without it, the paper's.")
-    @click.option(
-        "--set",
-        "overrides",
-        multiple=True,
-        metavar="KEY=VALUE",
-        help="Override one setting, such as continuity.l_pn=1.",
-    )
-    @click.option("--data", type=_FOLDER, help="Dataset in GENEA layout (paths.data).")
-    @click.option("--work", type=_FOLDER, help="Folder for everything that is written (paths.work).")
-    @click.option("--references", type=_FOLDER, help="Any folder of BVH and WAV (and TSV) files, instead of --data.")
-    @click.option("--tests", type=_FOLDER, help="Any folder of WAV (and TSV) files, instead of --data.")
-    @_jobs_option
-    @_quiet_option
-    @functools.wraps(command)
-    def with_config(config_path, overrides, data, work, references, tests, **options):
-        from gesturegen.config import load_config
-
-        folders = {"paths.data": data, "paths.work": work, "data.references": references, "data.tests": tests}
-        given = {key: str(folder) for key, folder in folders.items() if folder is not None}
-        with _one_line_errors():
-            config = (load or load_config)(config_path, overrides, given)
-        return command(config=config, **options)
-
-    return with_config
-
-
-class _one_line_errors:
-    """Turns our errors into one line and exit code 1, at the boundary only; bugs keep their traceback."""
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, kind, error, _traceback):
-        if isinstance(error, GesturegenError):
-            raise click.ClickException(str(error)) from None
-        return False
-
-
-def _run(quiet: bool, work: Callable[[], Summary]) -> None:
-    """Run a pipeline function, print its summary, exit with 1 when a clip failed."""
-    with _one_line_errors():
-        summary = work()
-    if not quiet:
-        for clip, note in summary.warnings[:_MOST_WARNINGS]:
-            click.echo(f"warning: {clip}: {note}", err=True)
-        if len(summary.warnings) > _MOST_WARNINGS:
-            click.echo(f"warning: and {len(summary.warnings) - _MOST_WARNINGS} more", err=True)
-        for line in summary.lines:
-            click.echo(line)
-        for path in summary.written:
-            click.echo(f"written: {path}")
-    outcome = summary.outcome
-    for clip, trace in outcome.bugs.items():
-        click.echo(f"{trace}bug: {clip}: this is a fault of gesturegen; please report the lines above", err=True)
-    for clip, error in outcome.errors.items():
-        for line in error.splitlines():
-            click.echo(f"error: {clip}: {line}", err=True)
-    if outcome.failed:
-        click.echo(f"error: {outcome.failed} of {outcome.failed + len(outcome.done)} failed", err=True)
-        sys.exit(1)
-
-
 @main.command()
-@click.argument("path", type=_FILE, default=Path("gesturegen.yaml"))
+@click.argument("path", type=FILE, default=Path("gesturegen.yaml"))
 @click.option("--force", is_flag=True, help="Write over an existing file.")
-def init(path: Path, force: bool) -> None:
+@quiet_option
+def init(path: Path, force: bool, quiet: bool) -> None:
     """Write a commented config to start from.
 
     \b
@@ -129,13 +54,14 @@ def init(path: Path, force: bool) -> None:
     """
     from gesturegen import pipeline
 
-    with _one_line_errors():
+    with one_line_errors():
         pipeline.init(path, force)
-    click.echo(f"written: {path}")
+    if not quiet:
+        click.echo(f"written: {path}")
 
 
 @main.command("demo-data")
-@click.argument("folder", type=_FOLDER)
+@click.argument("folder", type=FOLDER)
 @click.option("--references", type=click.IntRange(min=1), default=2, show_default=True, help="Reference clips.")
 @click.option("--tests", type=click.IntRange(min=1), default=2, show_default=True, help="Test clips.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
@@ -144,8 +70,9 @@ def init(path: Path, force: bool) -> None:
     is_flag=True,
     help="Durations of the GENEA challenge: references of 60 to 427 s, tests of 60 to 77 s.",
 )
-@_jobs_option
-@_quiet_option
+@jobs_option
+@wait_option
+@quiet_option
 def demo_data(folder: Path, references: int, tests: int, seed: int, challenge: bool, jobs: int, quiet: bool) -> None:
     """Write a synthetic dataset in GENEA layout to try things on.
 
@@ -156,12 +83,12 @@ def demo_data(folder: Path, references: int, tests: int, seed: int, challenge: b
     """
     from gesturegen import pipeline
 
-    _run(quiet, lambda: pipeline.demo_data(folder, references, tests, seed, challenge, jobs, quiet))
+    run_and_print(quiet, lambda: pipeline.demo_data(folder, references, tests, seed, challenge, jobs, quiet), [folder])
 
 
 @main.command()
-@_common
-@click.option("--export-bvh", type=_FOLDER, metavar="FOLDER", help="Also write the cleaned references as BVH files.")
+@common
+@click.option("--export-bvh", type=FOLDER, metavar="FOLDER", help="Also write the cleaned references as BVH files.")
 @click.option(
     "--suggest-blacklist",
     is_flag=True,
@@ -179,13 +106,14 @@ def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None, 
     from gesturegen import pipeline
 
     if suggest_blacklist:
-        _run(quiet, lambda: pipeline.suggest_blacklist(config, jobs, quiet))
+        run_and_print(quiet, lambda: pipeline.suggest_blacklist(config, jobs, quiet))
     else:
-        _run(quiet, lambda: pipeline.preprocess(config, jobs, quiet, export_bvh))
+        writes = [*work_folder(config), *([export_bvh] if export_bvh else [])]
+        run_and_print(quiet, lambda: pipeline.preprocess(config, jobs, quiet, export_bvh), writes)
 
 
 @main.command("build-graph")
-@_common
+@common
 def build_graph(config: Config, jobs: int, quiet: bool) -> None:
     """Build the motion graphs, or the gesture databases, of the references into WORK/graphs.
 
@@ -196,11 +124,11 @@ def build_graph(config: Config, jobs: int, quiet: bool) -> None:
     """
     from gesturegen import pipeline
 
-    _run(quiet, lambda: pipeline.build_graphs(config, jobs, quiet))
+    run_and_print(quiet, lambda: pipeline.build_graphs(config, jobs, quiet), work_folder(config))
 
 
 @main.command()
-@_common
+@common
 @click.option(
     "--variants", type=click.IntRange(min=1), default=1, show_default=True, metavar="N",
     help="Different results of every clip, to pick from: the first in WORK/reenact, each other in WORK/variants/2 to N.",
@@ -220,11 +148,11 @@ def reenact(config: Config, jobs: int, quiet: bool, variants: int) -> None:
     """
     from gesturegen import pipeline
 
-    _run(quiet, lambda: pipeline.reenact(config, jobs, quiet, variants=variants))
+    run_and_print(quiet, lambda: pipeline.reenact(config, jobs, quiet, variants=variants), work_folder(config))
 
 
 @main.command("train-refiner")
-@_common
+@common
 def train_refiner(config: Config, jobs: int, quiet: bool) -> None:
     """Train the network that refines what k-NN motion matching shows (needs the extra `torch`).
 
@@ -237,14 +165,14 @@ def train_refiner(config: Config, jobs: int, quiet: bool) -> None:
     """
     from gesturegen import pipeline
 
-    _run(quiet, lambda: pipeline.train_refiner(config, jobs, quiet))
+    run_and_print(quiet, lambda: pipeline.train_refiner(config, jobs, quiet), work_folder(config), GOES_ON)
 
 
 @main.command()
-@_common
-@click.option("--bvh", "bvh_folder", type=_FOLDER, help="Measure these BVH files, made by any system.")
-@click.option("--audio", "audio_folder", type=_FOLDER, help="With --bvh: the audio files, matched by name.")
-@click.option("--truth", "truth_folder", type=_FOLDER, help="The true motion as BVH files, matched by name.")
+@common
+@click.option("--bvh", "bvh_folder", type=FOLDER, help="Measure these BVH files, made by any system.")
+@click.option("--audio", "audio_folder", type=FOLDER, help="With --bvh: the audio files, matched by name.")
+@click.option("--truth", "truth_folder", type=FOLDER, help="The true motion as BVH files, matched by name.")
 @click.option("--genea-compat", is_flag=True, help="The figures of the published GENEA scripts, by their conventions.")
 def evaluate(
     config: Config, jobs: int, quiet: bool,
@@ -261,14 +189,15 @@ def evaluate(
 
     if bvh_folder is None and audio_folder is not None:
         raise click.UsageError("--audio goes with --bvh; a run of gesturegen knows its own audio")
-    _run(
+    run_and_print(
         quiet,
         lambda: pipeline.evaluate(config, jobs, quiet, genea_compat, bvh_folder, audio_folder, truth_folder),
+        work_folder(config),
     )
 
 
 @main.command()
-@_common
+@common
 @click.option("--force", is_flag=True, help="Redo everything.")
 def run(config: Config, jobs: int, quiet: bool, force: bool) -> None:
     """All stages in order: preprocess, build-graph, reenact, evaluate, pack.
@@ -281,11 +210,13 @@ def run(config: Config, jobs: int, quiet: bool, force: bool) -> None:
     """
     from gesturegen import pipeline
 
-    _run(quiet, lambda: pipeline.run(config, jobs, quiet, force))
+    run_and_print(
+        quiet, lambda: pipeline.run(config, jobs, quiet, force), work_folder(config), "" if force else GOES_ON
+    )
 
 
 @main.command()
-@_common
+@common
 def pack(config: Config, jobs: int, quiet: bool) -> None:
     """Check the reenacted clips and write WORK/submission/ and WORK/submission.zip.
 
@@ -295,12 +226,12 @@ def pack(config: Config, jobs: int, quiet: bool) -> None:
     """
     from gesturegen import pipeline
 
-    _run(quiet, lambda: pipeline.pack(config, jobs, quiet))
+    run_and_print(quiet, lambda: pipeline.pack(config, jobs, quiet), work_folder(config))
 
 
 @main.command()
-@click.argument("folder", type=_FOLDER, required=False)
-@_common
+@click.argument("folder", type=FOLDER, required=False)
+@common
 @click.option("--strict", is_flag=True, help="Stretches of over 1 s without motion are errors, not warnings.")
 def check(config: Config, jobs: int, quiet: bool, folder: Path | None, strict: bool) -> None:
     """Say of a folder of BVH files whether the challenge would accept it; without FOLDER, of WORK/reenact.
@@ -312,7 +243,7 @@ def check(config: Config, jobs: int, quiet: bool, folder: Path | None, strict: b
     """
     from gesturegen import pipeline
 
-    _run(quiet, lambda: pipeline.check(config, folder, strict, jobs, quiet))
+    run_and_print(quiet, lambda: pipeline.check(config, folder, strict, jobs, quiet))
 
 
 def _load_plan(path: Path | None, overrides: tuple[str, ...], folders: dict[str, str]) -> Plan:
@@ -322,7 +253,7 @@ def _load_plan(path: Path | None, overrides: tuple[str, ...], folders: dict[str,
 
 
 @main.command()
-@functools.partial(_common, load=_load_plan)
+@functools.partial(common, load=_load_plan)
 @click.option("--keep", is_flag=True, help="Also keep graphs, BVH files and traces, in WORK/ablation/<setup>/.")
 def ablate(config: Plan, jobs: int, quiet: bool, keep: bool) -> None:
     """Compare setups over several seeds, as in the paper's Table 2, into WORK/ablation.
@@ -336,7 +267,7 @@ def ablate(config: Plan, jobs: int, quiet: bool, keep: bool) -> None:
     """
     from gesturegen import pipeline
 
-    _run(quiet, lambda: pipeline.ablate(config, jobs, quiet, keep))
+    run_and_print(quiet, lambda: pipeline.ablate(config, jobs, quiet, keep), work_folder(config))
 
 
 def _load_comparison(path: Path | None, overrides: tuple[str, ...], folders: dict[str, str]) -> Plan:
@@ -347,8 +278,8 @@ def _load_comparison(path: Path | None, overrides: tuple[str, ...], folders: dic
 
 
 @main.command()
-@functools.partial(_common, load=_load_comparison)
-@click.option("--out", type=_FILE, metavar="FILE", help="The page to write, instead of WORK/compare/report.html.")
+@functools.partial(common, load=_load_comparison)
+@click.option("--out", type=FILE, metavar="FILE", help="The page to write, instead of WORK/compare/report.html.")
 def compare(config: Plan, jobs: int, quiet: bool, out: Path | None) -> None:
     """Compare all methods and the baselines over the same clips, in a table and on a page, into WORK/compare.
 
@@ -363,7 +294,7 @@ def compare(config: Plan, jobs: int, quiet: bool, out: Path | None) -> None:
     """
     from gesturegen import pipeline
 
-    _run(quiet, lambda: pipeline.compare(config, jobs, quiet, out))
+    run_and_print(quiet, lambda: pipeline.compare(config, jobs, quiet, out), work_folder(config))
 
 
 def _read_compared(_context, parameter, values: tuple[str, ...]) -> list[tuple[str, Path]]:
@@ -378,12 +309,12 @@ def _read_compared(_context, parameter, values: tuple[str, ...]) -> list[tuple[s
 
 
 @main.command()
-@_common
+@common
 @click.option(
     "--compare", multiple=True, metavar="LABEL=WORK", callback=_read_compared,
     help="Show the motions of another work folder beside this run's; may be repeated.",
 )  # fmt: skip
-@click.option("--out", type=_FILE, metavar="FILE", help="The file to write, instead of WORK/report.html.")
+@click.option("--out", type=FILE, metavar="FILE", help="The file to write, instead of WORK/report.html.")
 def report(config: Config, jobs: int, quiet: bool, compare: list[tuple[str, Path]], out: Path | None) -> None:
     """Put the reenacted clips into one HTML file to watch, WORK/report.html.
 
@@ -394,7 +325,7 @@ def report(config: Config, jobs: int, quiet: bool, compare: list[tuple[str, Path
     """
     from gesturegen import pipeline
 
-    _run(quiet, lambda: pipeline.report(config, jobs, quiet, compare, out))
+    run_and_print(quiet, lambda: pipeline.report(config, jobs, quiet, compare, out), [] if out else work_folder(config))
 
 
 def _read_size(_context, _parameter, value: str) -> tuple[int, int]:
@@ -405,7 +336,7 @@ def _read_size(_context, _parameter, value: str) -> tuple[int, int]:
 
 
 @main.command()
-@_common
+@common
 @click.argument("path", type=click.Path(path_type=Path), required=False)
 @click.option(
     "--audio", "sound", type=click.Path(path_type=Path), metavar="FILE|DIR",
@@ -415,7 +346,7 @@ def _read_size(_context, _parameter, value: str) -> tuple[int, int]:
     "--beside", multiple=True, metavar="LABEL=DIR", callback=_read_compared,
     help="Show BVH files of the same names beside them; may be repeated.",
 )  # fmt: skip
-@click.option("--out", type=_FOLDER, metavar="DIR", help="Where to write, instead of WORK/video.")
+@click.option("--out", type=FOLDER, metavar="DIR", help="Where to write, instead of WORK/video.")
 @click.option("--size", default="960x540", show_default=True, callback=_read_size, metavar="WIDTHxHEIGHT")
 def render(
     config: Config, jobs: int, quiet: bool, path: Path | None, sound: Path | None,
@@ -433,13 +364,14 @@ def render(
     """
     from gesturegen import pipeline
 
-    _run(quiet, lambda: pipeline.render_videos(config, jobs, quiet, path, sound, beside, out, size))
+    writes = [out] if out else work_folder(config)
+    run_and_print(quiet, lambda: pipeline.render_videos(config, jobs, quiet, path, sound, beside, out, size), writes)
 
 
 @main.command()
-@_common
+@common
 @click.argument("target", metavar="PATH")
-@click.option("--plot", type=_FILE, metavar="FILE.png", help="Also draw it: edges and degrees, or pieces and joins.")
+@click.option("--plot", type=FILE, metavar="FILE.png", help="Also draw it: edges and degrees, or pieces and joins.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def inspect(config: Config, jobs: int, quiet: bool, target: str, plot: Path | None, as_json: bool) -> None:
     """Print the figures of a graph or gesture database, or every piece of a trace in one line.
@@ -454,17 +386,17 @@ def inspect(config: Config, jobs: int, quiet: bool, target: str, plot: Path | No
     """
     from gesturegen import pipeline
 
-    _run(quiet, lambda: pipeline.inspect(config, target, plot, as_json))
+    run_and_print(quiet, lambda: pipeline.inspect(config, target, plot, as_json))
 
 
 @main.command()
-@_common
+@common
 @click.argument("paths", nargs=-1, type=click.Path(path_type=Path), metavar="[PATH]...")
 @click.option(
     "--format", "kinds", multiple=True, type=click.Choice(["glb", "csv", "npz"]), default=["glb"], show_default=True,
     help="glTF 2.0, joint positions, or arrays; may be repeated.",
 )  # fmt: skip
-@click.option("--out", type=_FOLDER, metavar="DIR", help="Where to write, instead of WORK/export.")
+@click.option("--out", type=FOLDER, metavar="DIR", help="Where to write, instead of WORK/export.")
 def export(
     config: Config, jobs: int, quiet: bool, paths: tuple[Path, ...], kinds: tuple[str, ...], out: Path | None
 ) -> None:
@@ -479,7 +411,9 @@ def export(
     """
     from gesturegen import pipeline
 
-    _run(quiet, lambda: pipeline.export(config, jobs, quiet, paths, kinds, out))
+    run_and_print(
+        quiet, lambda: pipeline.export(config, jobs, quiet, paths, kinds, out), [out] if out else work_folder(config)
+    )
 
 
 if __name__ == "__main__":

@@ -6,10 +6,12 @@ import hashlib
 import json
 import math
 import os
+import shutil
 import struct
 import tempfile
 import zipfile
 from collections.abc import Callable, Collection
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -17,21 +19,33 @@ import numpy as np
 
 from gesturegen.errors import DataError
 
+# Names of files that are not yet whole. Without the final name, which may be as long as a name can be.
+_TEMPORARY = ".gesturegen-", ".part"
+
+
+def is_temporary(path: Path) -> bool:
+    """Whether a file is one of those that a killed command left half-written."""
+    return path.name.startswith(_TEMPORARY[0]) and path.name.endswith(_TEMPORARY[1])
+
 
 def write_bytes(path: str | Path, fill: Callable[[BinaryIO], Any]) -> None:
     """Let `fill` write to a temporary file beside `path`, then move it into place.
 
+    The file is on the disk before it has its name, so that not even a power cut leaves half of it.
     Raises DataError when the folder cannot be written or the disk is full.
     """
     path = Path(path)
     temporary = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
+        with _new_temporary(path.parent) as file:
             temporary = Path(file.name)
             fill(file)
-        temporary.chmod(0o666 & ~_umask())
+            file.flush()
+            temporary.chmod(0o666 & ~_umask())
+            os.fsync(file.fileno())
         os.replace(temporary, path)
+        _sync_folder(path.parent)
     except OSError as error:
         _remove(temporary)
         raise DataError(
@@ -42,8 +56,47 @@ def write_bytes(path: str | Path, fill: Callable[[BinaryIO], Any]) -> None:
         raise
 
 
-def write_text(path: str | Path, text: str) -> None:
-    write_bytes(path, lambda file: file.write(text.encode()))
+def require_writable(folder: str | Path) -> None:
+    """DataError when `folder` cannot be written: before the work starts, not after."""
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        with _new_temporary(Path(folder), delete=True):
+            pass
+    except OSError as error:
+        raise DataError(
+            f"{folder}: cannot be written ({error.strerror}); choose a folder that can, with --work"
+        ) from None
+
+
+def _new_temporary(folder: Path, delete: bool = False) -> Any:
+    return tempfile.NamedTemporaryFile(dir=folder, prefix=_TEMPORARY[0], suffix=_TEMPORARY[1], delete=delete)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Have the names in a folder written to the disk; not every file system can."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def copy(source: str | Path, target: str | Path) -> None:
+    """Write a copy of a file, all or nothing."""
+
+    def fill(file: BinaryIO) -> None:
+        with open(source, "rb") as whole:
+            shutil.copyfileobj(whole, file)
+
+    write_bytes(target, fill)
+
+
+def write_text(path: str | Path, text: str) -> str:
+    """The hash of the file, in hexadecimal: that of what was written, whatever is there later."""
+    data = text.encode()
+    write_bytes(path, lambda file: file.write(data))
+    return hashlib.sha256(data).hexdigest()
 
 
 def write_json(path: str | Path, value: Any) -> None:

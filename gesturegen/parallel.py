@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import os
+import sys
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
-from gesturegen.errors import DataError, GesturegenError
+from gesturegen import supervision
+from gesturegen.errors import GesturegenError
 
 
 @dataclass
@@ -34,34 +37,48 @@ def default_jobs() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def for_each(tasks: Mapping[str, Callable[[], Any]], jobs: int, label: str, quiet: bool) -> Outcome:
+def for_each(
+    tasks: Mapping[str, Callable[[], Any]], jobs: int, label: str, quiet: bool, fresh: bool = False
+) -> Outcome:
     """Run every task, showing clips done, time left and failures so far.
 
-    tasks : clip name -> a function without arguments, which worker processes must be able to unpickle.
-    With one job, or one task, everything runs in this process. The outcome is the same for any `jobs`.
+    tasks : clip name -> a function without arguments, which worker processes must be able to unpickle. The outcome is
+    the same for any `jobs`. With one job, or one task, everything runs in this process; `fresh` gives every task a
+    process of its own instead. A task whose process dies is an error that names the signal; the others go on.
     """
-    import joblib
-
-    jobs = min(jobs, len(tasks))
     outcome = Outcome()
-    names = sorted(tasks)
-    if jobs > 1:
-        parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")
-        results = parallel(joblib.delayed(_guarded)(name, tasks[name]) for name in names)
-    else:
-        results = (_guarded(name, tasks[name]) for name in names)
-    with _stage(label, len(names), quiet) as bar:
-        try:
-            for name, kind, value in results:
-                getattr(outcome, kind)[name] = value
-                bar.failed += kind != "done"
-                bar.set_postfix(failed=bar.failed, refresh=False)
-                bar.update()
-        except joblib.externals.loky.process_executor.TerminatedWorkerError:
-            raise DataError("a worker process died, most likely out of memory; use fewer jobs with -j") from None
+    guarded = {name: partial(_guarded, tasks[name]) for name in sorted(tasks)}
+    with _stage(label, len(guarded), quiet) as bar:
+        if fresh or min(jobs, len(guarded)) > 1:
+            from gesturegen import workers
+
+            results = workers.run(guarded, jobs, fresh, lambda line: quiet or bar.write(line, file=sys.stderr))
+        else:
+            results = _here(guarded)
+        for name, kind, value in results:
+            getattr(outcome, kind)[name] = value
+            bar.failed += kind != "done"
+            bar.set_postfix(failed=bar.failed, refresh=False)
+            bar.update()
     for kind in ("done", "errors", "bugs"):
         setattr(outcome, kind, dict(sorted(getattr(outcome, kind).items())))
     return outcome
+
+
+def describe_bugs(bugs: Mapping[str, str]) -> list[str]:
+    """The traceback of the first bug with a line that says what it is, and how many clips more met with one."""
+    if not bugs:
+        return []
+    (clip, trace), *others = sorted(bugs.items())
+    more = [f"bug: {len(others)} clips more met with a bug, such as {others[0][0]}"] if others else []
+    return [f"{trace}bug: {clip}: this is a fault of gesturegen; please report the lines above", *more]
+
+
+def _here(tasks: Mapping[str, Callable[[], tuple[str, Any]]]) -> Iterator[tuple[str, str, Any]]:
+    for name, task in tasks.items():
+        supervision.set_task(name)
+        yield name, *task()
+    supervision.set_task("")
 
 
 _shared_bar: Any = None
@@ -112,7 +129,7 @@ def _new_bar(label: str, total: int, quiet: bool) -> Any:
     return bar
 
 
-def _guarded(name: str, task: Callable[[], Any]) -> tuple[str, str, Any]:
+def _guarded(task: Callable[[], Any]) -> tuple[str, Any]:
     import scipy.linalg  # noqa: F401 - brings a BLAS of its own, which must be there to be limited
     from threadpoolctl import threadpool_limits
 
@@ -121,8 +138,8 @@ def _guarded(name: str, task: Callable[[], Any]) -> tuple[str, str, Any]:
         with threadpool_limits(limits=1), warnings.catch_warnings():
             # librosa tells of short windows and empty filters; what matters to a user is in our notes.
             warnings.filterwarnings("ignore", module="librosa")
-            return name, "done", task()
+            return "done", task()
     except GesturegenError as error:
-        return name, "errors", str(error)
+        return "errors", str(error)
     except Exception:
-        return name, "bugs", traceback.format_exc()
+        return "bugs", traceback.format_exc()

@@ -225,3 +225,14 @@ def _pinned(tests: Sequence[str], names: Sequence[str], path: Path) -> dict[str,
             hand.append(full)
         chosen[test] = tuple(dict.fromkeys(hand))
     return chosen
+
+
+def true_motions(config: Config, tests: Mapping[str, Recording]) -> dict[str, Path]:
+    """The BVH files of the true motion of test clips: beside their audio, or in `data.truth_split`."""
+    found = {name: recording.motion_path for name, recording in tests.items() if recording.motion_path}
+    if config.data.truth_split is not None:
+        folder = Path(config.paths.data) / config.data.truth_split
+        if not folder.is_dir():
+            raise DataError(f"{folder}: no such folder of true motion; check data.truth_split")
+        found |= {r.name: r.motion_path for r in list_recordings(folder) if r.motion_path and r.name in tests}
+    return found

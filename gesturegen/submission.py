@@ -74,15 +74,25 @@ def make_trace(
     }
 
 
-def write_clip(folder: Path, name: str, motion: Motion | None, trace: Mapping) -> None:
-    """Write a clip's BVH (none for a clip that got stuck) and then its trace, which knows the BVH's hash."""
-    path = folder / f"{name}.bvh"
+def write_clip(folder: Path, name: str, motion: Motion | None, trace: Mapping) -> dict[str, str]:
+    """Write a clip's BVH (none for a clip that got stuck) and then its trace, which knows the BVH's hash.
+
+    Returns the hashes of the files by name, for the manifest: of what was written, whatever is there later.
+    """
+    written, digest = {}, None
     if motion is None:
         remove_clip(folder, name)
     else:
-        bvh.write(path, motion)
-    digest = files.sha256(path) if motion is not None else None
-    files.write_text(folder / f"{name}.trace.json", format_trace({**trace, "bvh_sha256": digest}))
+        digest = written[f"{name}.bvh"] = bvh.write(folder / f"{name}.bvh", motion)
+    text = format_trace({**trace, "bvh_sha256": digest})
+    written[f"{name}.trace.json"] = files.write_text(folder / f"{name}.trace.json", text)
+    return written
+
+
+def kept_clip(folder: Path, name: str, trace: Mapping) -> dict[str, str]:
+    """The hashes of the files of a clip that an earlier run wrote, as `write_clip` returned them then."""
+    digest, path = trace["bvh_sha256"], folder / f"{name}.trace.json"
+    return ({f"{name}.bvh": digest} if digest else {}) | {path.name: files.sha256(path)}
 
 
 def remove_clip(folder: Path, name: str) -> None:
@@ -182,16 +192,14 @@ def shown_clips(trace: Mapping) -> list[str]:
     return sorted(name for name in names if not name.startswith(GESTURE_PREFIX))
 
 
-def manifest(results: Iterable[Mapping], config: Config, folder: Path, variant: int = 1) -> dict:
+def manifest(results: Iterable[Mapping], config: Config, variant: int = 1) -> dict:
     """What was run, on what, with which figures and file hashes; the same for the same inputs.
 
-    results : one row per test clip, of `clip_row`, or with an error in place of figures
+    results : one row per test clip, of `clip_row` with the `files` that `write_clip` returned, or with an error in
+    place of figures
     """
-    rows = []
-    for row in sorted(results, key=lambda row: row["clip"]):
-        names = [f"{row['clip']}.bvh", f"{row['clip']}.trace.json"]
-        present = {name: files.sha256(folder / name) for name in names if (folder / name).is_file()}
-        rows.append({**row, "files": present})
+    rows = [{"files": {}, **row} for row in sorted(results, key=lambda row: row["clip"])]
+    rows = [{**{key: value for key, value in row.items() if key != "files"}, "files": row["files"]} for row in rows]
     settings = json.loads(config.model_dump_json(by_alias=True, exclude={"paths"}))
     return {
         "gesturegen": __version__,

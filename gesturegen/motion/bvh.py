@@ -44,9 +44,9 @@ def read_skeleton(path: str | Path) -> Skeleton:
     return _Hierarchy(path, _split(path, _read_text(path, header_only=True))[0]).parse()
 
 
-def write(path: str | Path, motion: Motion) -> None:
-    """Write `motion` in the hierarchy and channel order of its skeleton, six decimals, all or nothing."""
-    write_text(path, format_bvh(motion))
+def write(path: str | Path, motion: Motion) -> str:
+    """Write `motion` in the hierarchy and channel order of its skeleton, six decimals, all or nothing; its hash."""
+    return write_text(path, format_bvh(motion))
 
 
 def format_bvh(motion: Motion) -> str:

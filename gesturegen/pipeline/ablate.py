@@ -111,8 +111,7 @@ def build_shared_graphs(
         for (setup, names), owner in groups.items():
             if setup != owner:
                 target = _graph_path(plan.setups[setup], setup, names, folder)
-                target.parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(_graph_path(plan.setups[owner], owner, names, folder), target)
+                files.copy(_graph_path(plan.setups[owner], owner, names, folder), target)
     return summary
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -12,7 +13,8 @@ import numpy as np
 
 from gesturegen import clips, files, recordings
 from gesturegen.config import Config
-from gesturegen.errors import DataError
+from gesturegen.errors import DataError, GesturegenError
+from gesturegen.files import require_writable  # noqa: F401 - for the commands
 from gesturegen.gestures import extraction
 from gesturegen.parallel import Outcome
 
@@ -54,13 +56,6 @@ def graph_name(config: Config, names: Sequence[str]) -> str:
     return name + _SUFFIXES.get(config.method, "")
 
 
-def require_writable(folder: Path) -> None:
-    """DataError when `folder` cannot be written: before the work starts, not after."""
-    probe = folder / ".gesturegen"
-    files.write_text(probe, "")
-    probe.unlink()
-
-
 def read_index(config: Config) -> dict:
     """What `preprocess` left for later commands; DataError when it is missing or of other settings."""
     path = work_path(config, "clips", "index.json")
@@ -70,7 +65,33 @@ def read_index(config: Config) -> dict:
     if index.get("format_version") != INDEX_VERSION:
         raise DataError(f"{path}: written by another version; run `gesturegen preprocess` again")
     clips.check_settings(path, index["settings"], config.section_json("data", "blacklist"), "preprocess")
+    _locate_recordings(index["tests"], path, config)
     return index
+
+
+def relative_to_work(path: Path, config: Config) -> str:
+    """How the index names a recording: by its place as seen from the work folder, since both may be moved together."""
+    return Path(os.path.relpath(path.resolve(), work_path(config).resolve())).as_posix()
+
+
+def _locate_recordings(tests: dict[str, dict], index_path: Path, config: Config) -> None:
+    """Make the index's places of audio and true motion paths that can be opened.
+
+    Where there is nothing any more, the data folder that the config names is searched for a clip of that name.
+    """
+    work = index_path.resolve().parent.parent  # that of the clips, which other work folders may share
+    for row in tests.values():
+        row |= {key: row[key] and os.path.normpath(work / row[key]) for key in ("audio", "truth") if key in row}
+    if all(Path(row[key]).exists() for row in tests.values() for key in ("audio", "truth") if row.get(key)):
+        return
+    try:
+        found = {recording.name: recording for recording in recordings.test_recordings(config)}
+        truths = recordings.true_motions(config, found)
+    except GesturegenError:
+        return  # whoever opens the file says what is missing
+    for name, row in tests.items():
+        moved = {"audio": found[name].audio_path if name in found else None, "truth": truths.get(name)}
+        row |= {key: str(path) for key, path in moved.items() if path and row.get(key) and not Path(row[key]).exists()}
 
 
 def read_manifest(work: Path) -> dict:

@@ -188,8 +188,9 @@ def _run(task: _Task, base: Config, index: dict, jobs: int, quiet: bool) -> tupl
 def _run_clip(task: _Task, test: str, base: Config, truth_path: str | None) -> dict:
     names = task.references[test]
     made = gesture(task.owners[names], test, names, task.config, base, FOLDER)
+    written = {}
     if task.kept is not None:
-        submission.write_clip(task.kept, test, made.motion, {**made.trace, "inputs": ""})
+        written = submission.write_clip(task.kept, test, made.motion, {**made.trace, "inputs": ""})
     row, generated, truth = evaluation.failed_row(base), None, None
     if made.motion is not None:
         row, generated, truth = measure(made, test, base, truth_path)
@@ -198,14 +199,14 @@ def _run_clip(task: _Task, test: str, base: Config, truth_path: str | None) -> d
         "row": about | row | {"search_seconds": round(made.seconds, 4)},
         "generated": generated,
         "truth": truth,
-        "manifest_row": submission.clip_row(made.trace),
+        "manifest_row": submission.clip_row(made.trace) | {"files": written},
     }
 
 
 def _complete_folder(task: _Task, rows: Sequence[dict]) -> None:
     """Make the folder of a setup a work folder, so that every command works on it: it shares the clips."""
     folder = task.kept.parent
-    files.write_json(task.kept / "manifest.json", submission.manifest(rows, task.config, task.kept))
+    files.write_json(task.kept / "manifest.json", submission.manifest(rows, task.config))
     target = os.path.relpath(work_path(task.config, "clips").resolve(), folder.resolve())
     try:
         (folder / "clips").symlink_to(target, target_is_directory=True)
@@ -242,20 +243,9 @@ def _measure_memory(tasks: Sequence[_Task], index: dict, jobs: int, quiet: bool)
     for task in tasks:
         names = task.references[longest]
         graph = work_path(task.config, FOLDER, task.setup, "graphs", f"{graph_name(task.config, names)}.npz")
-        named[task.setup] = partial(_in_fresh_process, partial(_search_memory, graph, longest, task.config))
-    return Summary(for_each(named, jobs, "compare: memory", quiet))
-
-
-def _in_fresh_process(work):
-    """What `work` returns in a process of its own, which no earlier work has made larger."""
-    from joblib.externals.loky import ProcessPoolExecutor
-    from joblib.externals.loky.process_executor import TerminatedWorkerError
-
-    with ProcessPoolExecutor(max_workers=1) as executor:
-        try:
-            return executor.submit(work).result()
-        except TerminatedWorkerError:
-            raise DataError("the process that searched died, most likely out of memory") from None
+        named[task.setup] = partial(_search_memory, graph, longest, task.config)
+    # In a process of its own, which no earlier work has made larger.
+    return Summary(for_each(named, jobs, "compare: memory", quiet, fresh=True))
 
 
 def _search_memory(graph: Path, test: str, config: Config) -> dict[str, float]:

@@ -9,8 +9,8 @@ from gesturegen import clips, files, recordings
 from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.motion import bvh, cleanup, screening
-from gesturegen.parallel import Outcome, for_each
-from gesturegen.pipeline.common import INDEX_VERSION, Summary, clip_path, require_writable, work_path
+from gesturegen.parallel import Outcome, describe_bugs, for_each
+from gesturegen.pipeline.common import INDEX_VERSION, Summary, clip_path, relative_to_work, require_writable, work_path
 from gesturegen.recordings import Recording
 from gesturegen.speech import audio
 
@@ -33,8 +33,11 @@ def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None =
         clip_path(config, name).unlink(missing_ok=True)
     if not any(name in outcome.done for name in references):
         raise DataError(
-            "\n".join([*outcome.errors.values(), "no reference clip could be read, so there is nothing to build from"])
-        )
+            "\n".join(
+                [*outcome.errors.values(), *describe_bugs(outcome.bugs),
+                 "no reference clip could be read, so there is nothing to build from"]
+            )
+        )  # fmt: skip
     files.write_json(work_path(config, "clips", "index.json"), _index(config, references, tests, outcome))
     summary = Summary(outcome, [(name, note) for name, done in outcome.done.items() for note in done["notes"]])
     summary.warnings += _unmatched_patterns(config, references)
@@ -76,7 +79,7 @@ def _refuse_twins(references: dict[str, Recording], tests: dict[str, Recording])
 
 def _index(config: Config, references: dict[str, Recording], tests: dict[str, Recording], outcome: Outcome) -> dict:
     """What later commands need to know of the data, so that they need not look at it again."""
-    truths = _truths(config, tests)
+    truths = recordings.true_motions(config, tests)
     done = outcome.done
     return {
         "format_version": INDEX_VERSION,
@@ -87,8 +90,8 @@ def _index(config: Config, references: dict[str, Recording], tests: dict[str, Re
         "tests": {
             name: {
                 **{key: done[name][key] for key in ("speaker", "seconds")},
-                "audio": str(recording.audio_path.resolve()),
-                "truth": truths.get(name),
+                "audio": relative_to_work(recording.audio_path, config),
+                "truth": relative_to_work(truths[name], config) if name in truths else None,
             }
             for name, recording in tests.items()
             if name in done
@@ -96,19 +99,6 @@ def _index(config: Config, references: dict[str, Recording], tests: dict[str, Re
         "training_seconds": sum(_training_seconds(config, references, outcome)),
         "failed": {name: outcome.errors.get(name, "a bug of gesturegen") for name in tests if name not in done},
     }
-
-
-def _truths(config: Config, tests: dict[str, Recording]) -> dict[str, str]:
-    """The true motion of test clips: beside their audio, or in `data.truth_split`."""
-    found = {name: recording.motion_path for name, recording in tests.items() if recording.motion_path}
-    if config.data.truth_split is not None:
-        folder = Path(config.paths.data) / config.data.truth_split
-        if not folder.is_dir():
-            raise DataError(f"{folder}: no such folder of true motion; check data.truth_split")
-        found |= {
-            r.name: r.motion_path for r in recordings.list_recordings(folder) if r.motion_path and r.name in tests
-        }
-    return {name: str(path.resolve()) for name, path in found.items()}
 
 
 def _training_seconds(config: Config, references: dict[str, Recording], outcome: Outcome) -> list[float]:

@@ -75,7 +75,7 @@ def reenact(config: Config, jobs: int, quiet: bool, reuse: bool = False, variant
         for name, error in failed.items():
             submission.remove_clip(folder, name)
             rows.append({"clip": name, "references": list(chosen.get(name, ())), "stuck": False, "error": error})
-        manifest = submission.manifest(rows, config, folder, variant)
+        manifest = submission.manifest(rows, config, variant)
         if variants == 1 and not _is_stored(manifest, folder):
             _remove_variants(config)
         files.write_json(folder / "manifest.json", manifest)
@@ -161,20 +161,22 @@ def _reenact_clip(
     inputs = [_made_of(test, names, config, variant) for variant in range(1, variants + 1)]
     trace = submission.read_trace_if_current(_folder(config, 1), test, inputs[0]) if reuse else None
     if trace is not None:
-        return [{"row": submission.clip_row(trace), "notes": trace["notes"], "new": None}]
+        row = submission.clip_row(trace) | {"files": submission.kept_clip(_folder(config, 1), test, trace)}
+        return [{"row": row, "notes": trace["notes"], "new": None}]
     references, graph = _library(
         config.model_dump_json(by_alias=True), names, digests(config, names), _graph_digest(config, names)
     )
     results, shown = [], []
     for trace, motion, frames in islice(gestures(test, names, references, graph, config, found), variants):
         variant = trace["variant"]
-        submission.write_clip(_folder(config, variant), test, motion, {**trace, "inputs": inputs[variant - 1]})
+        told = {**trace, "inputs": inputs[variant - 1]}
+        written = submission.write_clip(_folder(config, variant), test, motion, told)
         new = None
         if motion is not None:
             nodes = submission.shown_nodes(trace)
             new = share_of_new_frames(nodes, shown, frames) if shown else None
             shown.append(nodes)
-        results.append({"row": submission.clip_row(trace), "notes": trace["notes"], "new": new})
+        results.append({"row": submission.clip_row(trace) | {"files": written}, "notes": trace["notes"], "new": new})
     return results
 
 
