@@ -36,17 +36,6 @@ _page: mmap.mmap | None = None
 _held_open: int | None = None
 
 
-def start() -> None:
-    """Run the command line under supervision: the program's entry point, which loads little before it can be stopped."""
-
-    def run() -> None:
-        from gesturegen.cli import main
-
-        main.main(prog_name="gesturegen")
-
-    supervise(run)
-
-
 def supervise(work: Callable[[], None]) -> None:
     """Run `work` in a child process and exit as it did; on a signal end it with all of its workers.
 

@@ -27,6 +27,7 @@ from gesturegen.errors import DataError
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "NUMBA_NUM_THREADS",
                "NUMEXPR_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")  # fmt: skip
 _MOST_LOCKS = 16
+_MOST_STARTS = 5
 _SECONDS_TO_END = 1.0
 
 
@@ -79,8 +80,8 @@ class Worker:
 _idle: list[Worker] = []
 
 
-def _hire() -> Worker:
-    while _idle:
+def _hire(fresh: bool) -> Worker:
+    while _idle and not fresh:
         worker = _idle.pop()
         if worker.process.poll() is None:
             return worker
@@ -110,10 +111,10 @@ def run(
     try:
         while todo or busy or alone:
             while todo and len(busy) < jobs:
-                yield from _begin(todo.popleft(), tasks, busy)
+                yield from _begin(todo.popleft(), tasks, busy, fresh)
             if not busy and alone:
                 dismiss()
-                yield from _begin(alone.popleft(), tasks, busy)
+                yield from _begin(alone.popleft(), tasks, busy, fresh)
             for connection in wait(list(busy)):
                 worker, name = busy.pop(connection)
                 try:
@@ -139,25 +140,25 @@ def run(
             worker.end(at_once=True)
 
 
-def _begin(name: str, tasks: Mapping, busy: dict[Connection, tuple[Worker, str]]) -> Iterator[tuple[str, str, Any]]:
+def _begin(
+    name: str, tasks: Mapping, busy: dict[Connection, tuple[Worker, str]], fresh: bool
+) -> Iterator[tuple[str, str, Any]]:
     """Give a task to a worker; yields its end when it cannot be sent."""
     try:
         data = pickle.dumps((os.getcwd(), tasks[name]), pickle.HIGHEST_PROTOCOL)
     except Exception:
         yield name, "bugs", traceback.format_exc()
         return
-    while True:
-        worker = _hire()
+    for _ in range(_MOST_STARTS):
+        worker = _hire(fresh)
         try:
             worker.send(data)
         except OSError:  # died while it had nothing to do, or as it started
             code = worker.end()
-            if code >= 0:
-                yield name, "errors", _describe_death(code, False)
-                return
             continue
         busy[worker.connection] = worker, name
         return
+    yield name, "errors", _describe_death(code, False)
 
 
 def _describe_death(code: int, again: bool) -> str:

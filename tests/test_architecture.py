@@ -37,6 +37,7 @@ ROOMS = [
     {"pipeline"},
     {"console"},
     {"cli"},
+    {"__main__"},
 ]
 LEVEL = {room: level for level, row in enumerate(ROOMS) for room in row}
 FILES = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
