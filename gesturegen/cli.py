@@ -81,9 +81,9 @@ def demo_data(folder: Path, references: int, tests: int, seed: int, challenge: b
       gesturegen demo-data demo/data --references 2 --tests 2 --seed 1
       gesturegen demo-data big/data --references 70 --tests 70 --challenge
     """
-    from gesturegen import pipeline
-
-    run_and_print(quiet, lambda: pipeline.demo_data(folder, references, tests, seed, challenge, jobs, quiet), [folder])
+    run_and_print(
+        quiet, lambda pipeline: pipeline.demo_data(folder, references, tests, seed, challenge, jobs, quiet), [folder]
+    )
 
 
 @main.command()
@@ -103,13 +103,11 @@ def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None, 
       gesturegen preprocess --references takes --tests speeches --work out
       gesturegen preprocess --data genea --suggest-blacklist
     """
-    from gesturegen import pipeline
-
     if suggest_blacklist:
-        run_and_print(quiet, lambda: pipeline.suggest_blacklist(config, jobs, quiet))
+        run_and_print(quiet, lambda pipeline: pipeline.suggest_blacklist(config, jobs, quiet))
     else:
         writes = [*work_folder(config), *([export_bvh] if export_bvh else [])]
-        run_and_print(quiet, lambda: pipeline.preprocess(config, jobs, quiet, export_bvh), writes)
+        run_and_print(quiet, lambda pipeline: pipeline.preprocess(config, jobs, quiet, export_bvh), writes)
 
 
 @main.command("build-graph")
@@ -122,9 +120,7 @@ def build_graph(config: Config, jobs: int, quiet: bool) -> None:
       gesturegen build-graph --data genea --work out
       gesturegen build-graph --work out --set references.mode=all
     """
-    from gesturegen import pipeline
-
-    run_and_print(quiet, lambda: pipeline.build_graphs(config, jobs, quiet), work_folder(config))
+    run_and_print(quiet, lambda pipeline: pipeline.build_graphs(config, jobs, quiet), work_folder(config))
 
 
 @main.command()
@@ -146,9 +142,7 @@ def reenact(config: Config, jobs: int, quiet: bool, variants: int) -> None:
       gesturegen reenact --work out --set seed=1 --set blend.method=inertialize
       gesturegen reenact --work out --set search=global --variants 3
     """
-    from gesturegen import pipeline
-
-    run_and_print(quiet, lambda: pipeline.reenact(config, jobs, quiet, variants=variants), work_folder(config))
+    run_and_print(quiet, lambda pipeline: pipeline.reenact(config, jobs, quiet, variants=variants), work_folder(config))
 
 
 @main.command("train-refiner")
@@ -163,9 +157,7 @@ def train_refiner(config: Config, jobs: int, quiet: bool) -> None:
     Example:
       gesturegen train-refiner --config configs/motion_matching_2022.yaml --work out --set refiner.iterations=2000
     """
-    from gesturegen import pipeline
-
-    run_and_print(quiet, lambda: pipeline.train_refiner(config, jobs, quiet), work_folder(config), GOES_ON)
+    run_and_print(quiet, lambda pipeline: pipeline.train_refiner(config, jobs, quiet), work_folder(config), GOES_ON)
 
 
 @main.command()
@@ -185,13 +177,11 @@ def evaluate(
       gesturegen evaluate --data genea --work out
       gesturegen evaluate --bvh theirs --audio genea/val/main-agent/wav --truth genea/val/main-agent/bvh --work out
     """
-    from gesturegen import pipeline
-
     if bvh_folder is None and audio_folder is not None:
         raise click.UsageError("--audio goes with --bvh; a run of gesturegen knows its own audio")
     run_and_print(
         quiet,
-        lambda: pipeline.evaluate(config, jobs, quiet, genea_compat, bvh_folder, audio_folder, truth_folder),
+        lambda pipeline: pipeline.evaluate(config, jobs, quiet, genea_compat, bvh_folder, audio_folder, truth_folder),
         work_folder(config),
     )
 
@@ -208,10 +198,8 @@ def run(config: Config, jobs: int, quiet: bool, force: bool) -> None:
     Example:
       gesturegen run --config configs/casia_go_2023.yaml --data genea --work out
     """
-    from gesturegen import pipeline
-
     run_and_print(
-        quiet, lambda: pipeline.run(config, jobs, quiet, force), work_folder(config), "" if force else GOES_ON
+        quiet, lambda pipeline: pipeline.run(config, jobs, quiet, force), work_folder(config), "" if force else GOES_ON
     )
 
 
@@ -224,9 +212,7 @@ def pack(config: Config, jobs: int, quiet: bool) -> None:
     Example:
       gesturegen pack --data genea --work out
     """
-    from gesturegen import pipeline
-
-    run_and_print(quiet, lambda: pipeline.pack(config, jobs, quiet), work_folder(config))
+    run_and_print(quiet, lambda pipeline: pipeline.pack(config, jobs, quiet), work_folder(config))
 
 
 @main.command()
@@ -241,9 +227,7 @@ def check(config: Config, jobs: int, quiet: bool, folder: Path | None, strict: b
       gesturegen check --data genea --work out
       gesturegen check their/bvh --data genea --strict
     """
-    from gesturegen import pipeline
-
-    run_and_print(quiet, lambda: pipeline.check(config, folder, strict, jobs, quiet))
+    run_and_print(quiet, lambda pipeline: pipeline.check(config, folder, strict, jobs, quiet))
 
 
 def _load_plan(path: Path | None, overrides: tuple[str, ...], folders: dict[str, str]) -> Plan:
@@ -265,9 +249,7 @@ def ablate(config: Plan, jobs: int, quiet: bool, keep: bool) -> None:
     Example:
       gesturegen ablate --config configs/ablation.yaml --data genea --work out --set data.test_split=val
     """
-    from gesturegen import pipeline
-
-    run_and_print(quiet, lambda: pipeline.ablate(config, jobs, quiet, keep), work_folder(config))
+    run_and_print(quiet, lambda pipeline: pipeline.ablate(config, jobs, quiet, keep), work_folder(config))
 
 
 def _load_comparison(path: Path | None, overrides: tuple[str, ...], folders: dict[str, str]) -> Plan:
@@ -292,9 +274,7 @@ def compare(config: Plan, jobs: int, quiet: bool, out: Path | None) -> None:
       gesturegen preprocess --config configs/compare/base.yaml --data genea --work out
       gesturegen compare --config configs/compare.yaml --data genea --work out
     """
-    from gesturegen import pipeline
-
-    run_and_print(quiet, lambda: pipeline.compare(config, jobs, quiet, out), work_folder(config))
+    run_and_print(quiet, lambda pipeline: pipeline.compare(config, jobs, quiet, out), work_folder(config))
 
 
 def _read_compared(_context, parameter, values: tuple[str, ...]) -> list[tuple[str, Path]]:
@@ -323,9 +303,9 @@ def report(config: Config, jobs: int, quiet: bool, compare: list[tuple[str, Path
       gesturegen report --data genea --work out
       gesturegen report --work out --compare weak=out_weak --out report.html
     """
-    from gesturegen import pipeline
-
-    run_and_print(quiet, lambda: pipeline.report(config, jobs, quiet, compare, out), [] if out else work_folder(config))
+    run_and_print(
+        quiet, lambda pipeline: pipeline.report(config, jobs, quiet, compare, out), [] if out else work_folder(config)
+    )
 
 
 def _read_size(_context, _parameter, value: str) -> tuple[int, int]:
@@ -362,10 +342,10 @@ def render(
       gesturegen render out/reenact/clip.bvh --work out --beside truth=genea/val/main-agent/bvh
       gesturegen render theirs --audio genea/tst/main-agent/wav --out videos --size 1280x720
     """
-    from gesturegen import pipeline
-
     writes = [out] if out else work_folder(config)
-    run_and_print(quiet, lambda: pipeline.render_videos(config, jobs, quiet, path, sound, beside, out, size), writes)
+    run_and_print(
+        quiet, lambda pipeline: pipeline.render_videos(config, jobs, quiet, path, sound, beside, out, size), writes
+    )
 
 
 @main.command()
@@ -384,9 +364,7 @@ def inspect(config: Config, jobs: int, quiet: bool, target: str, plot: Path | No
       gesturegen inspect clip --work out
       gesturegen inspect out/graphs/multi-1f05ae4d5c30-gestures.npz --json
     """
-    from gesturegen import pipeline
-
-    run_and_print(quiet, lambda: pipeline.inspect(config, target, plot, as_json))
+    run_and_print(quiet, lambda pipeline: pipeline.inspect(config, target, plot, as_json))
 
 
 @main.command()
@@ -409,10 +387,10 @@ def export(
       gesturegen export --work out --format glb
       gesturegen export genea/trn/main-agent/bvh --format csv --format npz --out tables
     """
-    from gesturegen import pipeline
-
     run_and_print(
-        quiet, lambda: pipeline.export(config, jobs, quiet, paths, kinds, out), [out] if out else work_folder(config)
+        quiet,
+        lambda pipeline: pipeline.export(config, jobs, quiet, paths, kinds, out),
+        [out] if out else work_folder(config),
     )
 
 

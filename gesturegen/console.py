@@ -10,6 +10,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -120,11 +121,15 @@ class one_line_errors:
         return False
 
 
-def run_and_print(quiet: bool, work: Callable[[], Summary], writes: Iterable[Path] = (), hint: str = "") -> None:
+def run_and_print(
+    quiet: bool, work: Callable[[ModuleType], Summary], writes: Iterable[Path] = (), hint: str = ""
+) -> None:
     """Run a pipeline function, print its summary, exit with 1 when a clip failed.
 
-    writes : folders that are written, by this command alone; hint : what to do when it was stopped
+    work : is given `gesturegen.pipeline`, which takes a while to load, when the folders are locked; writes : folders
+    that are written, by this command alone; hint : what to do when it was stopped
     """
+    supervision.set_hint(hint)
     from gesturegen import workspace
 
     if quiet and supervision.is_watched():  # of libraries, here and in the workers
@@ -133,8 +138,9 @@ def run_and_print(quiet: bool, work: Callable[[], Summary], writes: Iterable[Pat
     context = click.get_current_context()
     say = (lambda line: None) if quiet else (lambda line: click.echo(line, err=True))
     with one_line_errors(), workspace.locked(writes, _command_line(context), context.meta.get("wait", False), say):
-        supervision.set_hint(hint)
-        summary = work()
+        from gesturegen import pipeline
+
+        summary = work(pipeline)
     if not quiet:
         for clip, note in summary.warnings[:_MOST_WARNINGS]:
             click.echo(f"warning: {clip}: {note}", err=True)
