@@ -1,5 +1,6 @@
 """Real commands, stopped in every stage and started again: they end at once, in one line, and go on to the same bytes."""
 
+import json
 import os
 import signal
 import subprocess
@@ -7,8 +8,11 @@ import sys
 import time
 from contextlib import contextmanager
 
+import numpy as np
 import pytest
 
+from tests import tiny
+from tests.builders import chain, write_clip
 from tests.commands import succeed, tree
 from tests.faults.processes import ENVIRONMENT, PATIENCE, ROOT, _defaults, await_end, children
 
@@ -18,7 +22,11 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
     folder = tmp_path_factory.mktemp("signals") / "data"
-    succeed("demo-data", folder, "--references", 2, "--tests", 2, "--quiet", "-j", 1)
+    rng = np.random.default_rng(0)
+    for name in ("trn_a", "trn_b"):
+        write_clip(folder / "trn", name, 3.0, (0.4, 0.9, 1.5, 2.2), motion=tiny.motion(rng, 90, chain(4)))
+    for name in ("tst_a", "tst_b"):
+        write_clip(folder / "tst", name, 2.0, (0.5, 1.1), with_motion=False)
     return folder
 
 
@@ -37,15 +45,23 @@ def started(*arguments):
 
 
 def run_command(data, work, jobs, *more):
-    return "run", "--config", ROOT / "configs/demo.yaml", "--data", data, "--work", work, "-j", jobs, "--quiet", *more
+    return "run", "--data", data, "--work", work, "-j", jobs, "--quiet", *more
 
 
 def await_file(process, work, pattern):
+    """Until a command has the lock of its work folder, and a file of a stage is there."""
     give_up = time.monotonic() + PATIENCE
-    while not any(work.glob(pattern)):
+    while not (_holds_lock(process, work) and any(work.glob(pattern))):
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < give_up, pattern
         time.sleep(0.001)
+
+
+def _holds_lock(process, work):
+    try:
+        return json.loads((work / ".lock").read_text())["pid"] == process.pid
+    except (OSError, ValueError):
+        return False
 
 
 def descendants(pid):
@@ -60,7 +76,6 @@ STAGES = [
     ("clips/index.json", signal.SIGINT, 1),
     ("graphs/*.npz", signal.SIGKILL, 2),
     ("reenact/*.trace.json", signal.SIGTERM, 1),
-    ("reenact/manifest.json", signal.SIGHUP, 2),
 ]
 
 
@@ -93,7 +108,7 @@ def test_two_runs_in_one_folder_do_not_mix(data, tmp_path):
         with started(*run_command(data, work, 2, "--set", "seed=9")) as second:
             _, refused = second.communicate()
         assert second.returncode == 1 and refused.count("\n") == 1, refused
-        assert f"(process {first.pid}, since " in refused and "in use by `gesturegen run --config" in refused
+        assert f"(process {first.pid}, since " in refused and "in use by `gesturegen run --data" in refused
         with started(*run_command(data, work, 2, "--set", "seed=9", "--wait")) as second:
             assert second.communicate() == ("", "")
         assert first.wait(PATIENCE) == 0 and second.returncode == 0
