@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import sys
 import zipfile
 from pathlib import Path
 
@@ -236,3 +237,39 @@ def test_pack_writes_nothing_when_a_clip_is_invalid(data, ran):
 def test_the_manifest_lists_the_run(ran):
     rows = json.loads((ran / "reenact/manifest.json").read_text())["clips"]
     assert [row["clip"] for row in rows] == ["tst_a", "tst_b"]
+
+
+def test_a_bug_in_all_references_is_shown(data, tmp_path, monkeypatch):
+    def prepare(*_):
+        raise ZeroDivisionError("of ours")
+
+    monkeypatch.setattr("gesturegen.clips.prepare", prepare)
+    result = go(data, tmp_path / "work")
+    assert result.exit_code == 1
+    assert result.output.count("Traceback") == 1 and "ZeroDivisionError: of ours" in result.output
+    assert "bug: trn_a: this is a fault of gesturegen" in result.output
+    assert "bug: 3 clips more met with a bug, such as trn_b" in result.output
+    assert result.output.splitlines()[-1].startswith("no reference clip could be read")
+
+
+def test_the_manifest_tells_what_was_written(data, tmp_path, monkeypatch):
+    """Its hashes are those of the workers that wrote, whatever somebody else puts there before it is written."""
+    from gesturegen import files
+
+    work = tmp_path / "work"
+    assert go(data, work).exit_code == 0
+    manifest = files.read_json(work / "reenact/manifest.json")
+    for row in manifest["clips"]:
+        assert list(row["files"]) == [f"{row['clip']}.bvh", f"{row['clip']}.trace.json"]
+        assert all(files.sha256(work / "reenact" / name) == digest for name, digest in row["files"].items())
+
+    def for_each(*arguments):
+        outcome = real(*arguments)
+        (work / "reenact/tst_a.bvh").write_text("another's")
+        return outcome
+
+    reenact = sys.modules["gesturegen.pipeline.reenact"]  # the package has a function of that name
+    real = reenact.for_each
+    monkeypatch.setattr(reenact, "for_each", for_each)
+    succeed("reenact", "--data", data, "--work", work, "-j", 1)
+    assert files.read_json(work / "reenact/manifest.json") == manifest
