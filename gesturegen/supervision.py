@@ -45,6 +45,7 @@ def supervise(work: Callable[[], None]) -> None:
     if not hasattr(os, "fork") or _page is not None or threading.active_count() > 1:
         work()
         return
+    _open_standard_files()
     stops = {number for number in STOPS if signal.getsignal(number) is not signal.SIG_IGN}
     _page = mmap.mmap(-1, _TASK.stop)
     reading, writing = os.pipe()
@@ -65,6 +66,15 @@ def supervise(work: Callable[[], None]) -> None:
     stopped, status = _await(child, stops)
     _await_closing(reading)
     os._exit(_exit_code(stopped, status))
+
+
+def _open_standard_files() -> None:
+    """Stand in for standard files that are closed, so that no pipe or lock gets their numbers and what is printed."""
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
 
 
 def _await(child: int, stops: set[signal.Signals]) -> tuple[int | None, int]:

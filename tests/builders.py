@@ -15,6 +15,7 @@ from hypothesis import settings
 from gesturegen.config import Config, load_config
 from gesturegen.motion import bvh
 from gesturegen.motion.skeleton import Motion, Skeleton
+from tests import tiny
 
 POSITIONS = ("Xposition", "Yposition", "Zposition")
 ZXY = ("Zrotation", "Xrotation", "Yrotation")
@@ -178,6 +179,16 @@ def write_clip(
         (agent / "tsv").mkdir(parents=True, exist_ok=True)
         lines = [f"{start}\t{end}\t{text}\n" for start, end, text in words]
         (agent / "tsv" / f"{name}.tsv").write_text("".join(lines))
+
+
+def write_dataset(folder: Path) -> Path:
+    """Two references and two tests of a few seconds, in GENEA layout."""
+    rng = np.random.default_rng(0)
+    for name in ("trn_a", "trn_b"):
+        write_clip(folder / "trn", name, 3.0, (0.4, 0.9, 1.5, 2.2), motion=tiny.motion(rng, 90, chain(4)))
+    for name in ("tst_a", "tst_b"):
+        write_clip(folder / "tst", name, 2.0, (0.5, 1.1), with_motion=False)
+    return folder
 
 
 def literally(path: Path, line: int) -> str:

@@ -12,20 +12,13 @@ import pytest
 
 from gesturegen.motion import bvh, rotation
 from gesturegen.motion.skeleton import Motion
-from tests import tiny
-from tests.builders import chain, write_audio, write_clip
+from tests.builders import chain, write_audio, write_dataset
 from tests.commands import errors, run, succeed, tree
 
 
 @pytest.fixture
 def data(tmp_path) -> Path:
-    folder = tmp_path / "data"
-    rng = np.random.default_rng(0)
-    for name in ("trn_a", "trn_b"):
-        write_clip(folder / "trn", name, 3.0, (0.4, 0.9, 1.5, 2.2), motion=tiny.motion(rng, 90, chain(4)))
-    for name in ("tst_a", "tst_b"):
-        write_clip(folder / "tst", name, 2.0, (0.5, 1.1), with_motion=False)
-    return folder
+    return write_dataset(tmp_path / "data")
 
 
 def stamps(work: Path) -> dict[str, int]:

@@ -8,6 +8,7 @@ import pytest
 
 from gesturegen import files, workspace
 from gesturegen.errors import DataError
+from tests.builders import write_dataset
 from tests.commands import errors, run, succeed, tree
 from tests.faults.processes import await_end, running
 
@@ -108,8 +109,7 @@ def test_a_file_system_without_locks_is_told_of(tmp_path, monkeypatch):
 
 
 def test_commands_that_write_are_refused_and_those_that_read_are_not(tmp_path):
-    data, work = tmp_path / "data", tmp_path / "work"
-    succeed("demo-data", data, "--references", 1, "--tests", 1, "--quiet", "-j", 1)
+    data, work = write_dataset(tmp_path / "data"), tmp_path / "work"
     with locked(work):
         held = dict(workspace._held)
         workspace._held.clear()

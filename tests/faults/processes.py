@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -72,11 +72,10 @@ def locked_command(folder: str) -> None:
 
 
 @contextmanager
-def running(call: str) -> Iterator[subprocess.Popen]:
-    """A Python program that makes one call of this module; killed at the end if it still runs."""
-    code = f"from tests.faults import processes; processes.{call}"
+def started(*arguments: object) -> Iterator[subprocess.Popen]:
+    """A Python program in a process of its own; killed at the end if it still runs."""
     process = subprocess.Popen(
-        [sys.executable, "-c", code], env=ENVIRONMENT, cwd=ROOT, text=True,
+        [sys.executable, *map(str, arguments)], env=ENVIRONMENT, cwd=ROOT, text=True,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, preexec_fn=_defaults,
     )  # fmt: skip
     try:
@@ -84,6 +83,11 @@ def running(call: str) -> Iterator[subprocess.Popen]:
     finally:
         process.kill()
         process.communicate()
+
+
+def running(call: str) -> AbstractContextManager[subprocess.Popen]:
+    """A program that makes one call of this module."""
+    return started("-c", f"from tests.faults import processes; processes.{call}")
 
 
 def _defaults() -> None:

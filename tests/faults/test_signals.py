@@ -6,46 +6,23 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
 
-import numpy as np
 import pytest
 
-from tests import tiny
-from tests.builders import chain, write_clip
+from tests.builders import write_dataset
 from tests.commands import succeed, tree
-from tests.faults.processes import ENVIRONMENT, PATIENCE, ROOT, _defaults, await_end, children
+from tests.faults.processes import ENVIRONMENT, PATIENCE, await_end, children, started
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("signals") / "data"
-    rng = np.random.default_rng(0)
-    for name in ("trn_a", "trn_b"):
-        write_clip(folder / "trn", name, 3.0, (0.4, 0.9, 1.5, 2.2), motion=tiny.motion(rng, 90, chain(4)))
-    for name in ("tst_a", "tst_b"):
-        write_clip(folder / "tst", name, 2.0, (0.5, 1.1), with_motion=False)
-    return folder
-
-
-@contextmanager
-def started(*arguments):
-    """The program itself, in a process of its own; killed at the end if it still runs."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "gesturegen", *map(str, arguments)], env=ENVIRONMENT, cwd=ROOT, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, preexec_fn=_defaults,
-    )  # fmt: skip
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
+    return write_dataset(tmp_path_factory.mktemp("signals") / "data")
 
 
 def run_command(data, work, jobs, *more):
-    return "run", "--data", data, "--work", work, "-j", jobs, "--quiet", *more
+    return "-m", "gesturegen", "run", "--data", data, "--work", work, "-j", jobs, "--quiet", *more
 
 
 def await_file(process, work, pattern):
@@ -81,7 +58,7 @@ STAGES = [
 
 def test_a_run_stopped_in_every_stage_ends_in_the_same_bytes(data, tmp_path):
     whole, work = tmp_path / "whole", tmp_path / "work"
-    succeed(*run_command(data, whole, 1))
+    succeed(*run_command(data, whole, 1)[2:])
     for pattern, number, jobs in STAGES:
         with started(*run_command(data, work, jobs)) as process:
             await_file(process, work, pattern)
@@ -112,7 +89,7 @@ def test_two_runs_in_one_folder_do_not_mix(data, tmp_path):
         with started(*run_command(data, work, 2, "--set", "seed=9", "--wait")) as second:
             assert second.communicate() == ("", "")
         assert first.wait(PATIENCE) == 0 and second.returncode == 0
-    succeed(*run_command(data, other, 1, "--set", "seed=9"))
+    succeed(*run_command(data, other, 1, "--set", "seed=9")[2:])
     assert tree(work) == tree(other)
 
 
@@ -143,3 +120,10 @@ def test_a_closed_pipe_ends_in_silence():
     )
     os.close(writing)
     assert done.stderr == "" and done.returncode == 1
+
+
+def test_closed_standard_files_are_no_places_for_locks(data, tmp_path):
+    """Else what is printed could end up in a file of ours."""
+    call = [sys.executable, "-m", "gesturegen", *map(str, run_command(data, tmp_path / "work", 2)[2:])]
+    done = subprocess.run(["sh", "-c", '"$@" <&- >&- 2>&-', "sh", *call], env=ENVIRONMENT)
+    assert done.returncode == 0 and (tmp_path / "work/submission.zip").is_file()
