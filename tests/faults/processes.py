@@ -22,7 +22,7 @@ PATIENCE = 120
 
 def sleep_in_compiled_code() -> None:
     """Say which process this is, then hold the interpreter as a compiled loop does: nothing in Python can run."""
-    print(os.getpid(), flush=True)
+    os.write(1, f"{os.getpid()}\n".encode())  # at once: several processes write here
     ctypes.PyDLL(None).sleep(FOREVER)
 
 
