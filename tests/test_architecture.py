@@ -10,6 +10,7 @@ PACKAGE = Path(__file__).parent.parent / "gesturegen"
 ROOMS = [
     {"errors"},
     {"extras", "files", "randomness", "runs", "strict_csv", "strict_yaml"},
+    {"stored"},
     {"config"},
     {"motion"},
     {"speech"},

@@ -11,23 +11,27 @@ import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import torch
+from pydantic import ValidationError
 from torch import Tensor
 
 from gesturegen import randomness
 from gesturegen.config import Refiner
-from gesturegen.errors import DataError
+from gesturegen.errors import DamagedError, DataError
 from gesturegen.files import write_bytes
 from gesturegen.motion.skeleton import read_only
 from gesturegen.refine.network import Critic, Generator
 from gesturegen.refine.representation import Description, Normalisation
+from gesturegen.stored.documents import Checkpoint, first_problem
+from gesturegen.stored.sealing import checksum, seal_archive
 
 # Raised when what a checkpoint holds changes.
-_FORMAT = 1
+_FORMAT = 2
 # Settings that a run may be taken up with when they have changed: they say how long, not how.
 _MAY_CHANGE = frozenset({"enabled", "checkpoint", "iterations", "patience", "device", "stride_seconds", "furthest_k"})
 # Held-out windows that a check looks at, spread over all of them.
@@ -161,7 +165,7 @@ def train(
             run.step()
             if run.history.iterations % settings.check_every == 0 or run.history.iterations == settings.iterations:
                 run.check()
-                write_bytes(checkpoint_path, lambda file: torch.save(run.state(), file))
+                write_bytes(checkpoint_path, partial(_store, run.state()))
             if progress is not None:
                 progress(run.history.iterations, run.history)
         return run.history
@@ -293,11 +297,12 @@ class _Run:
         other = f"{changed} {old.get(changed)}, not {new[changed]}" if changed else other
         if other:
             raise DataError(f"{path}: a run with {other}; delete it to train from the start, or write to another file")
-        self.generator.load_state_dict(state["generator"])
-        self.critic.load_state_dict(state["critic"])
-        self.generator_adam.load_state_dict(state["generator_adam"])
-        self.critic_adam.load_state_dict(state["critic_adam"])
-        self.rng.bit_generator.state = state["rng"]
+        with _fitting(path):
+            self.generator.load_state_dict(state["generator"])
+            self.critic.load_state_dict(state["critic"])
+            self.generator_adam.load_state_dict(state["generator_adam"])
+            self.critic_adam.load_state_dict(state["critic_adam"])
+            self.rng.bit_generator.state = state["rng"]
         self.history = History(**state["history"])
         self.best = state["best"]
 
@@ -392,17 +397,52 @@ def _device(settings: Refiner) -> torch.device:
 def _load(path: str | Path) -> dict[str, Any]:
     """What `train` wrote; DataError for a missing or damaged file or one of another kind."""
     try:
+        if not Path(path).is_file():
+            raise DataError(f"{path}: no refiner there; train one first")
+        checksum(path, "train-refiner")
         with open(path, "rb") as file:
             state = torch.load(file, map_location="cpu", weights_only=True)
         if state["format"] != _FORMAT:
             raise ValueError(f"format {state['format']}, expected {_FORMAT}")
+        Checkpoint.model_validate(state)
+        _require_finite(state)
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror}); train a refiner first") from None
+    except DamagedError as error:
+        raise DamagedError(f"{str(error).rpartition('; ')[0]}; delete it and train again") from None
+    except DataError:
+        raise
+    except ValidationError as error:
+        raise DamagedError(f"{path}: damaged ({first_problem(error)}); delete it and train again") from None
     except Exception as error:
         # zipfile, pickle and torch each have their own word for a damaged file, some of many lines.
         reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise DataError(f"{path}: not a refiner, or damaged ({reason}); delete it and train again") from None
+        raise DamagedError(f"{path}: not a refiner, or damaged ({reason}); delete it and train again") from None
     return state
+
+
+def _store(state: dict[str, Any], file: BinaryIO) -> None:
+    torch.save(state, file)
+    seal_archive(file)
+
+
+def _require_finite(value: Any, name: str = "state") -> None:
+    """ValueError for a tensor, at any depth, that is not of finite numbers."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            _require_finite(inner, str(key)[:40])
+    elif isinstance(value, Tensor) and not bool(torch.isfinite(value).all()):
+        raise ValueError(f"{name} is not finite")
+
+
+@contextmanager
+def _fitting(path: str | Path) -> Iterator[None]:
+    """Inside the block, whatever does not fit the networks is the file's."""
+    try:
+        yield
+    except (RuntimeError, KeyError, TypeError, ValueError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise DamagedError(f"{path}: damaged ({reason}); delete it and train again") from None
 
 
 def _as_lists(scale: Normalisation) -> dict[str, list[float]]:
@@ -422,12 +462,13 @@ def _same_skeleton(state: dict[str, Any], description: Description, path: str | 
         raise DataError(f"{path}: trained for another skeleton: {difference}; train a refiner for this one")
 
 
-def _networks(state: dict[str, Any], device: torch.device) -> tuple[Generator, Critic]:
-    """The networks with the best weights, for use."""
+def _networks(state: dict[str, Any], device: torch.device, path: str | Path) -> tuple[Generator, Critic]:
+    """The networks with the best weights, for use; DamagedError when those of the file at `path` do not fit them."""
     channels = state["audio_channels"], _description(state).channels
     generator, critic = Generator(*channels), Critic(*channels)
-    generator.load_state_dict(state["best"]["generator"])
-    critic.load_state_dict(state["best"]["critic"])
+    with _fitting(path):
+        generator.load_state_dict(state["best"]["generator"])
+        critic.load_state_dict(state["best"]["critic"])
     return generator.to(device).eval(), critic.to(device).eval()
 
 
@@ -449,7 +490,7 @@ def refine(
     state = _load(checkpoint_path)
     _same_skeleton(state, description, checkpoint_path)
     device = _device(settings or Refiner())
-    generator, _ = _networks(state, device)
+    generator, _ = _networks(state, device, checkpoint_path)
     scale = _scale(state, "gesture")
     inputs = [
         torch.from_numpy(part)[None].to(device) for part in (_scale(state, "audio").apply(audio), scale.apply(gesture))
@@ -478,7 +519,7 @@ def conditioning_margin(checkpoint_path: str | Path, pairs: Pairs, seeds: Sequen
     if len(held_out) < 2:
         raise DataError(f"{len(held_out)} held-out windows: there is no other audio to give them")
     device = _device(settings)
-    generator, critic = _networks(state, device)
+    generator, critic = _networks(state, device, checkpoint_path)
     part = pairs.take(_spread(held_out, _CHECKED_WINDOWS))
     audio = torch.from_numpy(_scale(state, "audio").apply(part.audio)).to(device)
     fake, real = (torch.from_numpy(_scale(state, "gesture").apply(x)).to(device) for x in (part.fake, part.real))
