@@ -314,7 +314,7 @@ def save(path: str | Path, clip: Clip, config: Config, digest: str = "") -> None
         "input_digest": np.array(digest),
         "name": np.array(clip.name),
         "speaker": np.array(clip.speaker or ""),
-        "duration": np.array(clip.duration),
+        "duration": np.array(float(clip.duration)),
         "notes": np.array(clip.notes, dtype=str),
         "onset_times": clip.onset_peaks.times,
         "onset_strengths": clip.onset_peaks.strengths,
@@ -339,7 +339,7 @@ def save(path: str | Path, clip: Clip, config: Config, digest: str = "") -> None
         skeleton = clip.motion.skeleton
         joints, _ = select_joints(skeleton, config)
         arrays |= {
-            "fps": np.array(clip.motion.fps),
+            "fps": np.array(float(clip.motion.fps)),
             "n_recorded": np.array(clip.n_recorded),
             "source_frames": clip.source_frames,
             "segment_starts": clip.segment_starts,

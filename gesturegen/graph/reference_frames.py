@@ -244,6 +244,7 @@ def save(
             "config": np.array(settings),
             "clip_digests": np.array(clip_digests, dtype=str),
             **{name: np.asarray(value) for name, value in values.items()},
+            "fps": np.array(float(library.fps)),
             "key_frames": nodes.frames,
             "key_kinds": nodes.kinds,
             "key_words": nodes.keywords,

@@ -13,25 +13,21 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 import torch
-from pydantic import ValidationError
 from torch import Tensor
 
 from gesturegen import randomness
 from gesturegen.config import Refiner
-from gesturegen.errors import DamagedError, DataError
+from gesturegen.errors import DataError
 from gesturegen.files import write_bytes
 from gesturegen.motion.skeleton import read_only
+from gesturegen.refine import checkpoints
 from gesturegen.refine.network import Critic, Generator
 from gesturegen.refine.representation import Description, Normalisation
-from gesturegen.stored.documents import Checkpoint, first_problem
-from gesturegen.stored.sealing import checksum, seal_archive
 
-# Raised when what a checkpoint holds changes.
-_FORMAT = 2
 # Settings that a run may be taken up with when they have changed: they say how long, not how.
 _MAY_CHANGE = frozenset({"enabled", "checkpoint", "iterations", "patience", "device", "stride_seconds", "furthest_k"})
 # Held-out windows that a check looks at, spread over all of them.
@@ -160,12 +156,12 @@ def train(
     with _one_thread():
         run = _Run(pairs, settings, seed, description)
         if resume and checkpoint_path.exists():
-            run.restore(_load(checkpoint_path), checkpoint_path)
+            run.restore(checkpoints.load(checkpoint_path), checkpoint_path)
         while not run.finished():
             run.step()
             if run.history.iterations % settings.check_every == 0 or run.history.iterations == settings.iterations:
                 run.check()
-                write_bytes(checkpoint_path, partial(_store, run.state()))
+                write_bytes(checkpoint_path, partial(checkpoints.store, run.state()))
             if progress is not None:
                 progress(run.history.iterations, run.history)
         return run.history
@@ -268,7 +264,7 @@ class _Run:
     def state(self) -> dict[str, Any]:
         """Numbers, texts and tensors only, so that reading it runs no code."""
         return {
-            "format": _FORMAT,
+            "format": checkpoints.FORMAT,
             "description": {"joints": list(self.description.joints), "fps": self.description.fps},
             "settings": self.settings.model_dump(),
             "seed": self.seed,
@@ -297,7 +293,7 @@ class _Run:
         other = f"{changed} {old.get(changed)}, not {new[changed]}" if changed else other
         if other:
             raise DataError(f"{path}: a run with {other}; delete it to train from the start, or write to another file")
-        with _fitting(path):
+        with checkpoints.fitting(path):
             self.generator.load_state_dict(state["generator"])
             self.critic.load_state_dict(state["critic"])
             self.generator_adam.load_state_dict(state["generator_adam"])
@@ -394,57 +390,6 @@ def _device(settings: Refiner) -> torch.device:
 # --- checkpoints --------------------------------------------------------------------------------------------
 
 
-def _load(path: str | Path) -> dict[str, Any]:
-    """What `train` wrote; DataError for a missing or damaged file or one of another kind."""
-    try:
-        if not Path(path).is_file():
-            raise DataError(f"{path}: no refiner there; train one first")
-        checksum(path, "train-refiner")
-        with open(path, "rb") as file:
-            state = torch.load(file, map_location="cpu", weights_only=True)
-        if state["format"] != _FORMAT:
-            raise ValueError(f"format {state['format']}, expected {_FORMAT}")
-        Checkpoint.model_validate(state)
-        _require_finite(state)
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}); train a refiner first") from None
-    except DamagedError as error:
-        raise DamagedError(f"{str(error).rpartition('; ')[0]}; delete it and train again") from None
-    except DataError:
-        raise
-    except ValidationError as error:
-        raise DamagedError(f"{path}: damaged ({first_problem(error)}); delete it and train again") from None
-    except Exception as error:
-        # zipfile, pickle and torch each have their own word for a damaged file, some of many lines.
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise DamagedError(f"{path}: not a refiner, or damaged ({reason}); delete it and train again") from None
-    return state
-
-
-def _store(state: dict[str, Any], file: BinaryIO) -> None:
-    torch.save(state, file)
-    seal_archive(file)
-
-
-def _require_finite(value: Any, name: str = "state") -> None:
-    """ValueError for a tensor, at any depth, that is not of finite numbers."""
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            _require_finite(inner, str(key)[:40])
-    elif isinstance(value, Tensor) and not bool(torch.isfinite(value).all()):
-        raise ValueError(f"{name} is not finite")
-
-
-@contextmanager
-def _fitting(path: str | Path) -> Iterator[None]:
-    """Inside the block, whatever does not fit the networks is the file's."""
-    try:
-        yield
-    except (RuntimeError, KeyError, TypeError, ValueError) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise DamagedError(f"{path}: damaged ({reason}); delete it and train again") from None
-
-
 def _as_lists(scale: Normalisation) -> dict[str, list[float]]:
     return {"mean": scale.mean.tolist(), "scale": scale.scale.tolist()}
 
@@ -466,7 +411,7 @@ def _networks(state: dict[str, Any], device: torch.device, path: str | Path) -> 
     """The networks with the best weights, for use; DamagedError when those of the file at `path` do not fit them."""
     channels = state["audio_channels"], _description(state).channels
     generator, critic = Generator(*channels), Critic(*channels)
-    with _fitting(path):
+    with checkpoints.fitting(path):
         generator.load_state_dict(state["best"]["generator"])
         critic.load_state_dict(state["best"]["critic"])
     return generator.to(device).eval(), critic.to(device).eval()
@@ -487,7 +432,7 @@ def refine(
     The whole sequence in one pass: the generator is fully convolutional, so there are no windows to join.
     Raises DataError for a checkpoint that is missing, damaged, or of another skeleton than `description`.
     """
-    state = _load(checkpoint_path)
+    state = checkpoints.load(checkpoint_path)
     _same_skeleton(state, description, checkpoint_path)
     device = _device(settings or Refiner())
     generator, _ = _networks(state, device, checkpoint_path)
@@ -511,7 +456,7 @@ def conditioning_margin(checkpoint_path: str | Path, pairs: Pairs, seeds: Sequen
     Each as mean and standard deviation over shuffles with `seeds`. D is in units of the distance between two
     windows. `pairs` are those the checkpoint was trained with.
     """
-    state = _load(checkpoint_path)
+    state = checkpoints.load(checkpoint_path)
     settings = Refiner.model_validate(state["settings"])
     if state["digest"] != _digest(pairs):
         raise DataError(f"{checkpoint_path}: trained with other pairs than these")
