@@ -87,11 +87,14 @@ def prepare(libraries: Mapping[str, Library], jobs: int, label: str, quiet: bool
     todo = {name: library for name, library in libraries.items() if not (reuse and is_current(library))}
     different = {name: line for name, library in todo.items() if (line := _different_skeletons(library))}
     tasks, users = {}, {}
-    for name, library in todo.items():
+    for name, library in libraries.items():
         if name in different:
             continue
         for recording, limit in zip(library.names, limits(library.config, library.names), strict=True):
-            title = _part_path(library.config, recording, limit).stem
+            path = _part_path(library.config, recording, limit)
+            if name not in todo and not path.is_file():
+                continue  # a database that is whole needs no parts, but those that are there must be whole too
+            title = path.stem
             tasks[title] = partial(_extract, library.config, recording, limit)
             users.setdefault(title, []).append(name)
     cut = for_each(tasks, jobs, f"{label}: gestures", quiet) if tasks else Outcome()

@@ -78,7 +78,7 @@ def evaluate(
         signature["inputs"] = _inputs(evidence, config)
         if reuse:
             try:
-                if (kept := _kept_figures(config, signature)) is not None:
+                if (kept := _kept_figures(config, signature, {*failed, *(item.name for item in evidence)})) is not None:
                     return kept
             except DamagedError as error:
                 lost = [("evaluate", sealing.remade(error))]
@@ -119,13 +119,16 @@ def _inputs(evidence: list[_Evidence], config: Config) -> str:
     return hashlib.sha256("\n".join(made_of).encode()).hexdigest()[:12]
 
 
-def _kept_figures(config: Config, signature: dict) -> Summary | None:
-    """The stored tables, when they were made of the same inputs; DamagedError when one is not as it was written."""
+def _kept_figures(config: Config, signature: dict, names: set[str]) -> Summary | None:
+    """The stored tables, when they were made of the same inputs; DamagedError when one is not as it was written.
+
+    names : of the clips, which must all be in them: one that could not be measured may have been mended since
+    """
     csv_path, json_path = work_path(config, "evaluate", "metrics.csv"), work_path(config, "evaluate", "summary.json")
     if not csv_path.is_file() or not json_path.is_file():
         return None
     stored = documents.read(json_path, documents.Summary, "evaluate")
-    if stored["signature"] != signature:
+    if stored["signature"] != signature or stored["clips"].keys() != names:
         return None
     rows = {name: tables.from_json(row) for name, row in stored["clips"].items()}
     total, columns = tables.from_json(stored["total"]), evaluation.measures(config)

@@ -303,7 +303,6 @@ def test_run_makes_all_of_it_again(method, second, finished, tmp_path):
     edited = [path for path in work.stored if path.name.endswith(behind) == second]
     for path in edited:
         replaced(path, flip_bit(path.read_bytes(), rng))
-    # A database that is whole needs no parts; that it is not is all that makes `run` look at them.
     restored(work, edited, method)
 
 
@@ -322,6 +321,8 @@ def test_every_plain_edit_is_told_and_undone(method, finished, tmp_path):
     for path in work.stored:
         whole = path.read_bytes()
         for edit in (*PLAIN_EDITS, deleted):
+            if edit is deleted and path.parent.name == "gestures":
+                continue  # a database that is whole needs no parts
             told = f"{path.relative_to(work.folder)}, {edit.__name__}"
             data = edit(whole, rng)
             path.unlink() if data is None else replaced(path, data)
@@ -329,11 +330,7 @@ def test_every_plain_edit_is_told_and_undone(method, finished, tmp_path):
                 result = work.command(name)
                 assert result.exit_code == 1 and one_line(result.output), (told, name, result.output)
                 assert path.name in result.output or data is None, (told, name, result.output)
-            if name_left := [p for p in work.stored if p == path and data is not None]:
-                kept = name_left if path.parent.name != "gestures" else []
-                restored(work, kept if path.read_bytes() == data else [], told)
-            else:
-                restored(work, [], told)
+            restored(work, [] if data is None else [path], told)
             count += 1
     assert count >= 40
 
@@ -356,9 +353,7 @@ def forge_all(method: str, data: str, folder: str, count: int = 100) -> None:
     shutil.copytree(folder, whole, symlinks=True)
     for _ in range(count):
         work = Work(method, Path(data), Path(folder), {})
-        path = work.stored[int(rng.integers(len(work.stored)))]
-        if path.suffix not in (".npz", ".json"):
-            continue
+        path = sealed(work)[int(rng.integers(len(sealed(work))))]
         told = f"{path.relative_to(folder)}: {forge(path, rng)}"
         print(told, flush=True)
         for name in ("reenact", "evaluate", "run"):

@@ -124,7 +124,7 @@ def test_each_player_moves_the_scores_its_way():
 
 def run(path, settings=QUICK, pairs=PAIRS, seed=0, **options):
     history = training.train(pairs, settings, seed, path, TWO, **options)
-    return history, training._load(path)
+    return history, checkpoints.load(path)
 
 
 def stored(state, path) -> None:
