@@ -35,8 +35,8 @@ _SETTINGS = (
     "onsets.sample_rate", "onsets.hop_length", "onsets.muted_min_seconds", "onsets.muted_max_seconds",
     "onsets.muted_margin_seconds",
 )  # fmt: skip
-# Of whole recordings: a day of sound, and a motion of as many frames at some hundred per second.
-_LONGEST_SECONDS, _MOST_FRAMES = 86_400, 1 << 24
+# Far beyond any recording: eleven days of sound, and as long a motion at 120 frames per second.
+_LONGEST_SECONDS, _MOST_FRAMES = 1e6, 1 << 27
 _RATE = stored_arrays.within(1e-3, 1e5)
 # A rotation vector is never longer than a turn.
 _TURN = stored_arrays.within(-2 * np.pi, 2 * np.pi)

@@ -222,8 +222,8 @@ def unfit(stored: Mapping[str, np.ndarray]) -> str | None:
     within_clips[stored["clip_starts"]] = False
     if not (np.diff(stored["source_frames"])[within_clips[1:]] > 0).all():
         return "source_frames do not rise within clips"
-    if ((stored["key_words"] != "") != (stored["key_kinds"] == KEYWORD)).any():
-        return "key_words are not those of the keyword nodes"
+    if (stored["key_words"][stored["key_kinds"] != KEYWORD] != "").any():
+        return "key_words are there for nodes that are no keywords"
     return None
 
 

@@ -14,8 +14,8 @@ from gesturegen import files
 from gesturegen.errors import DamagedError
 from gesturegen.stored.sealing import checksum, damaged, file_state, seal_archive
 
-# Of any figure in a file: centimetres, seconds, decibels and costs stay far below.
-LARGEST = 1e9
+# Of any figure in a file: centimetres, seconds, decibels and costs stay far below, and so do their squares' sums.
+LARGEST = 1e15
 # Values that are looked at together.
 _BLOCK = 1 << 22
 _LAST_CHARACTER = 0x10FFFF
@@ -75,7 +75,8 @@ def within(low: float, high: float, nan: bool = False) -> Check:
 
 finite = within(-LARGEST, LARGEST)
 finite_or_nan = within(-LARGEST, LARGEST, nan=True)
-positive = within(1e-6, LARGEST)
+# What a regression makes of hardly any data.
+any_size_or_nan = within(-np.finfo(float).max, np.finfo(float).max, nan=True)
 not_negative = within(0, LARGEST)
 
 

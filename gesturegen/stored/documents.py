@@ -15,17 +15,17 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from gesturegen import files
 from gesturegen.errors import DamagedError, DataError
-from gesturegen.stored.arrays import LARGEST
 from gesturegen.stored.sealing import damaged, remade, sealed_text, unsealed_text
 
 Method = Literal["motion_graph", "gesture_master", "motion_matching", "baseline"]
 # Frames and nodes are numbered in 31 bits.
 Number = Annotated[int, Field(ge=0, lt=1 << 31)]
-Figure = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
-Seconds = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
+Figure = Annotated[float, Field(allow_inf_nan=False)]
+Distance = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Seed = Annotated[int, Field(ge=0)]
+Seconds = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
 Rate = Annotated[float, Field(gt=0, le=10_000, allow_inf_nan=False)]
-# Figures of tables may be as large as they come out, but are never infinite.
-Row = dict[str, Annotated[float, Field(allow_inf_nan=False)] | None]
+Row = dict[str, Figure | None]
 
 
 class _Model(BaseModel):
@@ -88,7 +88,7 @@ class _Join(_Model):
     frame: Number
     from_node: Number
     to_node: Number
-    distance: Seconds
+    distance: Distance
     natural: bool
 
 
@@ -124,7 +124,7 @@ class Trace(_Model):
     clip: str
     method: Method
     search: str
-    seed: Number
+    seed: Seed
     variant: Number = 1
     graph: str
     references: Annotated[list[_Origin], Field(min_length=1)]
@@ -205,7 +205,7 @@ class Manifest(_Model):
     gesturegen: str
     method: Method
     search: str
-    seed: Number
+    seed: Seed
     config_hash: str
     clips: list[_Clip]
     config: _Settings
@@ -220,7 +220,7 @@ class Summary(_Model):
     signature: dict[str, str | int]
     total: Row
     clips: dict[str, Row]
-    control: dict[str, list[dict[str, str | bool | Annotated[float, Field(allow_inf_nan=False)] | None]]] = {}
+    control: dict[str, list[dict[str, str | bool | Figure | None]]] = {}
 
 
 class _Setup(_Model):
@@ -238,7 +238,7 @@ class Ablation(_Model):
 class Lengths(_Model):
     """The figures of `ablate` by length of the references, as far as they are shown."""
 
-    lines: dict[str, list[dict[str, str | Annotated[float, Field(allow_inf_nan=False)] | None]]]
+    lines: dict[str, list[dict[str, str | Figure | None]]]
 
 
 # --- refiner.pt ---------------------------------------------------------------------------------------------
@@ -278,7 +278,7 @@ class Checkpoint(_Networks):
 
     description: _Description
     settings: dict[str, Any]
-    seed: Number
+    seed: Seed
     digest: str
     audio_channels: Annotated[int, Field(ge=1, le=1 << 16)]
     scales: _Scales
