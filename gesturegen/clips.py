@@ -16,7 +16,7 @@ import numpy as np
 
 from gesturegen import files
 from gesturegen.config import Config
-from gesturegen.errors import DataError
+from gesturegen.errors import DamagedError, DataError
 from gesturegen.motion import bvh, cleanup, kinematics, rotation
 from gesturegen.motion.skeleton import Motion, Skeleton, read_only
 from gesturegen.recordings import Recording, is_listed
@@ -24,19 +24,84 @@ from gesturegen.speech import acoustics, audio, prosody, transcript
 from gesturegen.speech.acoustics import Acoustics
 from gesturegen.speech.prosody import Contour
 from gesturegen.speech.transcript import Word
+from gesturegen.stored import arrays as stored_arrays
+from gesturegen.stored.arrays import Array, Kind
+from gesturegen.stored.sealing import damaged
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 # Everything a stored clip depends on. The onset threshold is applied when a clip is used.
 _SETTINGS = (
     "fps", "joints", "wrists", "exclude", "breaks", "positions.root_joint",
     "onsets.sample_rate", "onsets.hop_length", "onsets.muted_min_seconds", "onsets.muted_max_seconds",
     "onsets.muted_margin_seconds",
 )  # fmt: skip
-# What a stored clip holds of its speech; the rest is its motion.
-_SPEECH_ARRAYS = (
-    "format_version", "settings", "input_digest", "name", "speaker", "duration", "notes",
-    "onset_times", "onset_strengths", "onset_near_mute", "word_texts", "word_times",
-    "prosody_settings", "energy", "pitch", "prosody_rate", "acoustics_settings", "mfcc", "acoustics_rate",
+# Far beyond any recording: eleven days of sound, and as long a motion at 120 frames per second.
+_LONGEST_SECONDS, _MOST_FRAMES = 1e6, 1 << 27
+_RATE = stored_arrays.within(1e-3, 1e5)
+# A rotation vector is never longer than a turn.
+_TURN = stored_arrays.within(-2 * np.pi, 2 * np.pi)
+# What a stored clip holds of its speech.
+_SPEECH = {
+    "settings": Array("str"),
+    "input_digest": Array("str"),
+    "name": Array("str"),
+    "speaker": Array("str"),
+    "duration": Array("f8", "", stored_arrays.within(0, _LONGEST_SECONDS)),
+    "notes": Array("str", "notes"),
+    "onset_times": Array("f8", "onsets", stored_arrays.not_negative),
+    "onset_strengths": Array("f8", "onsets"),
+    "onset_near_mute": Array("bool", "onsets"),
+    "word_texts": Array("str", "words"),
+    "word_times": Array("f8", "words 2", stored_arrays.not_negative),
+    "prosody_settings": Array("str", group="prosody"),
+    "energy": Array("f8", "loudnesses", group="prosody"),
+    "pitch": Array("f8", "loudnesses", stored_arrays.finite_or_nan, "prosody"),
+    "prosody_rate": Array("f8", "", _RATE, "prosody"),
+    "acoustics_settings": Array("str", group="acoustics"),
+    "mfcc": Array("f4", "sounds values", group="acoustics"),
+    "acoustics_rate": Array("f8", "", _RATE, "acoustics"),
+}
+# And of its motion, of T frames and J joints.
+_MOTION = {
+    "fps": Array("f8", "", _RATE),
+    "n_recorded": Array("i8", "", stored_arrays.within(1, _MOST_FRAMES)),
+    "source_frames": Array("i8", "T", stored_arrays.rising_numbers),
+    "segment_starts": Array("i8", "segments", stored_arrays.starts("T")),
+    "expmaps": Array("f8", "T J 3", _TURN),
+    "joint_positions": Array("f4", "T K 3"),
+    "joint_names": Array("str", "K"),
+    "skeleton_names": Array("str", "J"),
+    "skeleton_parents": Array("i8", "J"),
+    "skeleton_offsets": Array("f8", "J 3"),
+    "skeleton_end_sites": Array("f8", "J 3", stored_arrays.finite_or_nan),
+    "skeleton_channels": Array("str", "J"),
+    "hierarchy": Array("str"),
+    "rest_positions": Array("f8", "J 3"),
+    "moving_joints": Array("i8", "moving", stored_arrays.rising("J")),
+    "moving_positions": Array("f8", "T moving 3"),
+}
+
+
+def _unfit(stored: Mapping[str, np.ndarray]) -> str | None:
+    """What is wrong between the arrays of a clip, each of which is as it should be."""
+    times = stored["word_times"]
+    if not (times[:, 0] <= times[:, 1]).all() or not (np.diff(times[:, 0]) >= 0).all():
+        return "word_times are not in order"
+    if "expmaps" not in stored:
+        return None
+    parents = stored["skeleton_parents"]
+    if not (parents < np.arange(len(parents))).all() or parents[0] != -1 or not (parents[1:] >= 0).all():
+        return "skeleton_parents do not come before their children"
+    if stored["source_frames"][-1] >= stored["n_recorded"]:
+        return f"source_frames lie beyond the {stored['n_recorded']} frames that were recorded"
+    if not np.isin(stored["joint_names"], stored["skeleton_names"]).all():
+        return "joint_names are not of the skeleton"
+    return None
+
+
+KIND = Kind(
+    "clip", "preprocess",
+    _SPEECH | {name: replace(array, group="motion") for name, array in _MOTION.items()}, FORMAT_VERSION, _unfit,
 )  # fmt: skip
 
 
@@ -226,13 +291,18 @@ def input_digest(recording: Recording) -> str:
 
 
 def load_if_current(path: str | Path, config: Config, digest: str, with_motion: bool) -> Clip | None:
-    """The stored clip, without its motion, when it was made from these inputs with these settings; else None."""
+    """The stored clip, without its motion, when it was made from these inputs with these settings; else None.
+
+    DamagedError for one that is not as it was written.
+    """
     try:
-        stored = files.read_arrays(path)  # all of it, so that a damaged array is found now and made again
+        stored = stored_arrays.read(path, KIND)  # all of it, so that a damaged array is found now and made again
         if str(stored["input_digest"]) != digest or ("expmaps" in stored) != with_motion:
             return None
         return load(path, config, with_motion=False)
-    except (DataError, KeyError):
+    except DamagedError:
+        raise
+    except DataError:
         return None
 
 
@@ -244,7 +314,7 @@ def save(path: str | Path, clip: Clip, config: Config, digest: str = "") -> None
         "input_digest": np.array(digest),
         "name": np.array(clip.name),
         "speaker": np.array(clip.speaker or ""),
-        "duration": np.array(clip.duration),
+        "duration": np.array(float(clip.duration)),
         "notes": np.array(clip.notes, dtype=str),
         "onset_times": clip.onset_peaks.times,
         "onset_strengths": clip.onset_peaks.strengths,
@@ -269,7 +339,7 @@ def save(path: str | Path, clip: Clip, config: Config, digest: str = "") -> None
         skeleton = clip.motion.skeleton
         joints, _ = select_joints(skeleton, config)
         arrays |= {
-            "fps": np.array(clip.motion.fps),
+            "fps": np.array(float(clip.motion.fps)),
             "n_recorded": np.array(clip.n_recorded),
             "source_frames": clip.source_frames,
             "segment_starts": clip.segment_starts,
@@ -284,7 +354,7 @@ def save(path: str | Path, clip: Clip, config: Config, digest: str = "") -> None
             "hierarchy": np.array(skeleton.hierarchy),
             **_pack_positions(clip.motion.positions),
         }
-    files.write_arrays(path, arrays)
+    stored_arrays.write(path, arrays)
 
 
 def load(path: str | Path, config: Config, with_motion: bool = True) -> Clip:
@@ -292,12 +362,8 @@ def load(path: str | Path, config: Config, with_motion: bool = True) -> Clip:
     path = Path(path)
     if not path.is_file():
         raise DataError(f"{path}: clip {path.stem} has not been preprocessed; run `gesturegen preprocess` first")
-    stored = files.read_arrays(path, None if with_motion else _SPEECH_ARRAYS)
+    stored = stored_arrays.read(path, KIND, None if with_motion else _SPEECH)
     try:
-        if stored["format_version"] != FORMAT_VERSION:
-            raise DataError(
-                f"{path}: format {stored['format_version']}, this version reads {FORMAT_VERSION}; run preprocess again"
-            )
         check_settings(path, str(stored["settings"]), config.section_json(*_SETTINGS), "preprocess")
         peaks = audio.OnsetPeaks(stored["onset_times"], stored["onset_strengths"], stored["onset_near_mute"])
         times = stored["word_times"].tolist()
@@ -325,10 +391,8 @@ def load(path: str | Path, config: Config, with_motion: bool = True) -> Clip:
             *described, peaks, words, motion, stored["source_frames"], stored["segment_starts"],
             int(stored["n_recorded"]), notes, contour, sound,
         )  # fmt: skip
-    except KeyError as error:
-        raise DataError(f"{path}: no array {error} in it; delete it and run preprocess again") from None
-    except (ValueError, TypeError, IndexError) as error:
-        raise DataError(f"{path}: damaged ({error}); delete it and run preprocess again") from None
+    except ValueError as error:
+        raise damaged(path, str(error), "preprocess") from None
 
 
 def _is_measured(path: Path, stored: Mapping[str, np.ndarray], config: Config, what: str) -> bool:
@@ -345,7 +409,10 @@ def _is_measured(path: Path, stored: Mapping[str, np.ndarray], config: Config, w
 
 def check_settings(path: Path, stored: str, wanted: str, command: str) -> None:
     """DataError naming the first setting in which a stored file differs from the config."""
-    before, now = _leaves(json.loads(stored)), _leaves(json.loads(wanted))
+    try:
+        before, now = _leaves(json.loads(stored)), _leaves(json.loads(wanted))
+    except (ValueError, RecursionError):
+        raise damaged(path, "its settings are not JSON", command) from None
     for key in sorted(before.keys() | now.keys()):
         if before.get(key) != now.get(key):
             raise DataError(

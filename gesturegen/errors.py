@@ -15,3 +15,7 @@ class ConfigError(GesturegenError):
 
 class SearchError(GesturegenError):
     """A test speech for which the search found no path."""
+
+
+class DamagedError(DataError):
+    """A stored file that is not as it was written; `run` makes it again."""

@@ -130,30 +130,43 @@ def read_arrays(path: str | Path, only: Collection[str] | None = None) -> dict[s
         raise DataError(f"{path}: damaged ({error}); delete it and run the command that writes it") from None
 
 
-def map_arrays(path: str | Path, at_least_bytes: int = 1_000_000) -> dict[str, np.ndarray]:
-    """The arrays of an `.npz` that `write_arrays` wrote; large ones stay on disk until they are looked at.
+def map_arrays(
+    path: str | Path, at_least_bytes: float = 1_000_000, only: Collection[str] | None = None
+) -> dict[str, np.ndarray]:
+    """The arrays of an `.npz` that `write_arrays` wrote, or those named in `only` that it has.
 
-    Those are read-only maps of the file, and need not be aligned. DataError for a missing or damaged file.
+    Large ones stay on disk until they are looked at: they are read-only maps of the file, and need not be aligned.
+    DataError for a missing or damaged file, and for one that is compressed.
     """
     arrays = {}
     try:
         with open(path, "rb") as file, zipfile.ZipFile(file) as stored:
             for member in stored.infolist():
                 name = member.filename.removesuffix(".npy")
+                if only is not None and name not in only:
+                    continue
+                if name in arrays:
+                    raise ValueError(f"{member.filename} is in it twice")
+                shape, fortran, dtype, start = _header(file, member)
                 if member.file_size < at_least_bytes:
                     with stored.open(member) as part:
                         arrays[name] = np.lib.format.read_array(part, allow_pickle=False)
                 else:
-                    arrays[name] = _mapped(path, file, member)
+                    mapped = np.memmap(path, dtype, "r", start, shape, "F" if fortran else "C")
+                    arrays[name] = np.asarray(mapped)
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror or error})") from None
     except Exception as error:
-        raise DataError(f"{path}: damaged ({error}); delete it and run the command that writes it") from None
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise DataError(f"{path}: damaged ({reason}); delete it and run the command that writes it") from None
     return arrays
 
 
-def _mapped(path: str | Path, file: BinaryIO, member: zipfile.ZipInfo) -> np.ndarray:
-    """One uncompressed array of a `.npz` as a map of the file."""
+def _header(file: BinaryIO, member: zipfile.ZipInfo) -> tuple[tuple[int, ...], bool, np.dtype, int]:
+    """Shape, order, dtype and place of one array of a `.npz`, which must be as long as they say.
+
+    What a header announces is compared with the length of the file before anything is allocated for it.
+    """
     file.seek(member.header_offset)
     local = file.read(30)
     if member.compress_type != zipfile.ZIP_STORED or local[:4] != b"PK\x03\x04":
@@ -166,10 +179,11 @@ def _mapped(path: str | Path, file: BinaryIO, member: zipfile.ZipInfo) -> np.nda
     shape, fortran, dtype = read_header(file)
     if dtype.hasobject:
         raise ValueError(f"{member.filename} holds Python objects")
-    if file.tell() - start + math.prod(shape) * dtype.itemsize != member.file_size:
+    if min(shape, default=0) < 0 or file.tell() - start + math.prod(shape) * dtype.itemsize != member.file_size:
         raise ValueError(f"{member.filename} is not as long as its shape {shape} says")
-    mapped = np.memmap(path, dtype, "r", file.tell(), shape, "F" if fortran else "C")
-    return np.asarray(mapped)
+    if start + member.file_size > os.fstat(file.fileno()).st_size:
+        raise ValueError(f"{member.filename} ends beyond the file")
+    return shape, fortran, dtype, file.tell()
 
 
 def sha256(path: str | Path) -> str:

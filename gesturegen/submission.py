@@ -13,7 +13,7 @@ from gesturegen import __version__, files, keynodes
 from gesturegen.clips import Speech
 from gesturegen.config import Config
 from gesturegen.control.schedule import Demand
-from gesturegen.errors import DataError
+from gesturegen.errors import DamagedError, DataError
 from gesturegen.graph.reference_frames import ReferenceFrames
 from gesturegen.keynodes import KeyNodes
 from gesturegen.motion import bvh, rotation
@@ -21,6 +21,7 @@ from gesturegen.motion.skeleton import Motion, Skeleton
 from gesturegen.runs import runs
 from gesturegen.search.path import Path as SearchPath
 from gesturegen.search.path import Piece, Track, resampled_indices
+from gesturegen.stored import documents
 
 # A torn frame turns a joint by a right angle or more; recorded gestures and blends stay well below.
 LARGEST_TURN_DEGREES_PER_SECOND = 2700.0
@@ -85,7 +86,7 @@ def write_clip(folder: Path, name: str, motion: Motion | None, trace: Mapping) -
     else:
         digest = written[f"{name}.bvh"] = bvh.write(folder / f"{name}.bvh", motion)
     text = format_trace({**trace, "bvh_sha256": digest})
-    written[f"{name}.trace.json"] = files.write_text(folder / f"{name}.trace.json", text)
+    written[f"{name}.trace.json"] = documents.write_text(folder / f"{name}.trace.json", text)
     return written
 
 
@@ -102,14 +103,45 @@ def remove_clip(folder: Path, name: str) -> None:
 
 
 def read_trace_if_current(folder: Path, name: str, inputs: str) -> dict | None:
-    """The trace of a written clip when it was made of `inputs` and its BVH is as it was written; else None."""
-    path = folder / f"{name}.bvh"
+    """The trace of a written clip when it was made of `inputs`; else None.
+
+    DamagedError when it or its BVH is not as it was written.
+    """
+    path = folder / f"{name}.trace.json"
     try:
-        trace = files.read_json(folder / f"{name}.trace.json")
-        digest = files.sha256(path) if path.is_file() else None
-        return trace if trace["inputs"] == inputs and trace["bvh_sha256"] == digest else None
-    except (DataError, KeyError, TypeError):
+        trace = read_trace(path) if path.is_file() else None
+        if trace is None or trace["inputs"] != inputs:
+            return None
+        require_unchanged(folder / f"{name}.bvh", trace)
+        return trace
+    except DamagedError:
+        raise
+    except DataError:
         return None
+
+
+def read_trace(path: Path) -> dict:
+    """A stored trace; DataError when it cannot be read, DamagedError when it is not as it was written."""
+    return documents.read(path, documents.Trace, "reenact")
+
+
+def require_unchanged(path: Path, trace: Mapping) -> None:
+    """DamagedError for a BVH file that is not the one its trace was written with."""
+    digest = files.sha256(path) if path.is_file() else None
+    if digest != trace["bvh_sha256"]:
+        change = "missing" if digest is None else "not as it was written beside its trace"
+        raise DamagedError(f"{path}: {change}; run `gesturegen reenact` again")
+
+
+def require_nodes(trace: Mapping, n_nodes: int) -> None:
+    """DataError for a trace that walks over nodes that its library lacks."""
+    tracks = (trace, *trace["tracks"])
+    last = max((node for track in tracks for piece in track["pieces"] for node in piece["nodes"]), default=-1)
+    joined = (node for track in tracks for join in track["joins"] for node in (join["from_node"], join["to_node"]))
+    if max(last, *joined, -1) >= n_nodes:
+        raise DataError(
+            f"clip {trace['clip']}: its trace is of another graph than {trace['graph']}; run `gesturegen reenact` again"
+        )
 
 
 def describe_demand(demand: Demand) -> dict:

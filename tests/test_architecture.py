@@ -10,7 +10,7 @@ PACKAGE = Path(__file__).parent.parent / "gesturegen"
 ROOMS = [
     {"errors", "supervision"},
     {"extras", "files", "randomness", "runs", "strict_csv", "strict_yaml"},
-    {"workspace"},
+    {"workspace", "stored"},
     {"workers"},
     {"config"},
     {"motion"},

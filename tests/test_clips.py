@@ -12,6 +12,7 @@ from gesturegen.motion import bvh, rotation
 from gesturegen.motion.skeleton import Motion
 from gesturegen.pipeline import common
 from gesturegen.speech.transcript import Word
+from gesturegen.stored import arrays as stored_arrays
 from tests.builders import (
     chain,
     data_folder,
@@ -560,22 +561,33 @@ def test_a_cut_clip_file_is_refused(tmp_path, prepare):
 
 
 def changed(path, **arrays):
-    files.write_arrays(path, {k: v for k, v in (files.read_arrays(path) | arrays).items() if v is not None})
+    stored_arrays.write(path, {k: v for k, v in (files.read_arrays(path) | arrays).items() if v is not None})
 
 
 @pytest.mark.parametrize(
     ("arrays", "match"),
     [
         ({"word_times": None}, "no array 'word_times' in it"),
-        ({"expmaps": None, "hierarchy": None, "fps": None}, None),
+        (dict.fromkeys(clips._MOTION), None),
+        ({"expmaps": None, "hierarchy": None, "fps": None}, "no array 'fps' in it"),
         ({"hierarchy": None}, "no array 'hierarchy' in it"),
         ({"settings": None}, "no array 'settings' in it"),
-        ({"format_version": np.array(99)}, "format 99, this version reads 1; run preprocess again"),
-        ({"skeleton_offsets": np.zeros((1, 3))}, "delete it and run preprocess again"),
-        ({"expmaps": np.zeros((60, 1, 3))}, "delete it and run preprocess again"),
-        ({"settings": np.array("{")}, "delete it and run preprocess again"),
+        ({"format_version": np.array(99)}, "format 99, this version reads 2; run `gesturegen preprocess` again"),
+        ({"skeleton_offsets": np.zeros((1, 3))}, "skeleton_offsets has shape"),
+        ({"expmaps": np.zeros((60, 1, 3))}, "run `gesturegen preprocess` again"),
+        ({"settings": np.array("{")}, "its settings are not JSON"),
     ],
-    ids=["no words", "no motion", "no hierarchy", "no settings", "later format", "offsets", "expmaps", "settings"],
+    ids=[
+        "no words",
+        "no motion",
+        "half a motion",
+        "no hierarchy",
+        "no settings",
+        "later format",
+        "offsets",
+        "expmaps",
+        "settings",
+    ],
 )
 def test_a_clip_file_with_other_arrays_is_refused(tmp_path, prepare, arrays, match):
     clip, config = prepare()

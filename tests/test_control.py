@@ -11,6 +11,7 @@ import pytest
 from gesturegen.config import configs_folder
 from gesturegen.control.measures import hand_measures
 from gesturegen.demo import dataset
+from gesturegen.stored import documents
 from tests.builders import data_folder
 from tests.commands import errors, run, succeed
 from tests.report.test_browser import browser, opened, ready  # noqa: F401
@@ -233,7 +234,7 @@ def test_the_report_draws_it(width, demo, browser, tmp_path):  # noqa: F811
     assert demo.command("report", "motion_matching", *options, "--out", pages[0]).exit_code == 0
     trace = demo.base / f"motion_matching/reenact/{TEST}.trace.json"
     told = trace.read_text()
-    trace.write_text(json.dumps({**json.loads(told), "control": []}))
+    documents.write(trace, {**json.loads(told), "control": []})
     assert demo.command("report", "motion_matching", *options, "--out", pages[1]).exit_code == 0
     trace.write_text(told)
     heights = []

@@ -9,6 +9,7 @@ import pytest
 
 from gesturegen.motion import bvh
 from gesturegen.pipeline import build_database
+from gesturegen.stored import arrays as stored_arrays
 from tests import test_gesture_master as usual
 from tests.builders import make_skeleton, write_audio
 from tests.commands import errors, tree
@@ -249,11 +250,11 @@ def test_a_damaged_database(left, whole_data, built, work):
 
 def test_a_database_of_another_format(whole_data, built, work):
     arrays = dict(np.load(database(work)))
-    np.savez(database(work), **arrays | {"format_version": np.array(99)})
+    stored_arrays.write(database(work), arrays | {"format_version": np.array(99)})
     refused_search(whole_data, work, "format 99, this version reads")
     del arrays["twins"]
-    np.savez(database(work), **arrays)
-    refused_search(whole_data, work, "no array 'twins' in it; delete it and run build-graph again")
+    stored_arrays.write(database(work), arrays)
+    refused_search(whole_data, work, "no array 'twins' in it")
     commands(("run",), whole_data, work)
     assert tree(work / "graphs") == tree(built / "graphs")
 

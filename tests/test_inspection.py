@@ -19,6 +19,7 @@ from gesturegen.inspection import databases, graphs, traces
 from gesturegen.keynodes import of_speech
 from gesturegen.methods import METHODS, load_library
 from gesturegen.pipeline import inspect
+from gesturegen.stored import arrays
 from tests import tiny
 from tests.gestures import gesture_builders as builders
 
@@ -39,7 +40,7 @@ def work(tmp_path, graph) -> Path:
     speech = tiny.speech(10, [4, 8], name="talk")
     trace = submission.make_trace(path, graph, "clip", speech, of_speech(speech, {}), load_config())
     (tmp_path / "reenact").mkdir()
-    (tmp_path / "reenact/talk.trace.json").write_text(submission.format_trace(trace))
+    submission.write_clip(tmp_path / "reenact", "talk", None, {**trace, "inputs": ""})
     return tmp_path
 
 
@@ -133,12 +134,14 @@ def test_a_plot_of_many_edges_is_a_density(tmp_path, monkeypatch):
 
 
 def test_what_is_refused(work, tmp_path):
-    np.savez(tmp_path / "clip.npz", expmaps=np.zeros(3))
+    arrays.write(tmp_path / "clip.npz", {"expmaps": np.zeros(3)})
+    np.savez(tmp_path / "mine.npz", indptr=np.zeros(3))
     (tmp_path / "other.json").write_text("{}")
     (tmp_path / "notes.txt").write_text("")
     for target, words in (
         (tmp_path / "clip.npz", "not a graph"),
-        (tmp_path / "other.json", "no trace of gesturegen"),
+        (tmp_path / "mine.npz", "no checksum"),
+        (tmp_path / "other.json", "no checksum"),
         (tmp_path / "notes.txt", "neither a graph"),
         ("tolk", "nearest is talk"),
     ):
@@ -194,7 +197,7 @@ def stored(tmp_path, database) -> Path:
     path = MASTER.search(database, speech, GESTURES, np.random.default_rng(0))
     trace = submission.make_trace(path, database, "both", speech, of_speech(speech, {}), GESTURES)
     (tmp_path / "reenact").mkdir()
-    (tmp_path / "reenact/talk.trace.json").write_text(submission.format_trace(trace))
+    submission.write_clip(tmp_path / "reenact", "talk", None, {**trace, "inputs": ""})
     return tmp_path
 
 
@@ -391,7 +394,7 @@ def test_a_library_is_read_as_what_it_is(stored, graph, references):
     assert isinstance(load_library(stored / "graphs/clip.npz"), motion_graph.MotionGraph)
     assert isinstance(load_library(stored / "graphs/both.npz"), database_module.GestureDatabase)
     part = stored / "part.npz"
-    np.savez(part, **extract(references[0], GESTURES).arrays())
+    arrays.write(part, extract(references[0], GESTURES).arrays())
     for path, words in ((part, "not a gesture database"), (stored / "none.npz", "has not been built")):
         with pytest.raises(DataError, match=words):
             load_library(path)

@@ -16,6 +16,7 @@ from gesturegen.pipeline import memory
 from gesturegen.pipeline.memory import estimate, require_memory, require_memory_for, workers
 from gesturegen.search import global_search
 from gesturegen.search.termination import targets
+from gesturegen.stored import documents
 from tests import tiny
 from tests.builders import chain, refused, write_clip
 from tests.commands import errors, run, succeed
@@ -195,7 +196,7 @@ def test_building_does_not_begin_where_memory_is_short(prepared, tmp_path):
     work = Path(shutil.copytree(prepared[0], tmp_path / "work"))
     index = json.loads((work / "clips/index.json").read_text())
     index["references"]["trn_b"]["seconds"] = 1e8  # three years
-    (work / "clips/index.json").write_text(json.dumps(index))
+    documents.write(work / "clips/index.json", index)
     data = prepared[0].parent / "data"
     (tmp_path / "plan.yaml").write_text("base: base.yaml\nsetups: [setup.yaml]\n")
     (tmp_path / "base.yaml").write_text("references: {mode: all}\n")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,14 +10,16 @@ import numpy as np
 
 from gesturegen.config import Config, UpperBody
 from gesturegen.errors import DataError
-from gesturegen.gestures import fingers, style, transitions
+from gesturegen.gestures import cutting, fingers, style, transitions
 from gesturegen.gestures.extraction import BODIES, Gestures, as_borders
 from gesturegen.graph import reference_frames
 from gesturegen.graph.reference_frames import ReferenceFrames
 from gesturegen.keynodes import KeyNodes
 from gesturegen.randomness import generator
+from gesturegen.stored import arrays as stored_arrays
+from gesturegen.stored.arrays import Array, Kind
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 # What is stored of one recording depends on these beside it, and a whole database on more.
 GESTURE_SETTINGS = (
     "fps", "joints", "positions", "onsets", "wrists", "exclude", "breaks", "prosody",
@@ -290,12 +292,72 @@ def build(parts: Sequence[Gestures], described: dict, config: Config) -> Gesture
 # --- files --------------------------------------------------------------------------------------------------
 
 
+def unfit_clips(stored: Mapping[str, np.ndarray]) -> str | None:
+    """What is wrong with the gesture clips of a file; None when they lie within segments."""
+    starts, stops = stored["starts"], stored["stops"]
+    places = (np.searchsorted(stored["segment_starts"], nodes, side="right") for nodes in (starts, stops - 1))
+    if not (starts < stops).all() or np.subtract(*places).any():
+        return "stops do not end the gesture clips within their segments"
+    return None
+
+
+def _unfit(stored: Mapping[str, np.ndarray]) -> str | None:
+    """What is wrong between the arrays of a database, each of which is as it should be."""
+    return reference_frames.unfit(stored) or unfit_clips(stored)
+
+
+def _edge_arrays(body: str) -> dict[str, Array]:
+    return {
+        f"{body}_indptr": Array("i8", "G+1", stored_arrays.pointers(f"{body}_edges")),
+        f"{body}_sources": Array("i4", f"{body}_edges", stored_arrays.below("G")),
+        f"{body}_costs": Array("f4", f"{body}_edges"),
+    }
+
+
+# What a database and the part of one recording share, of G gesture clips.
+CLIP_ARRAYS = {
+    "starts": Array("i8", "G", stored_arrays.below("N")),
+    "stops": Array("i8", "G", stored_arrays.up_to("N")),
+    "names": Array("str", "G"),
+    "rests": Array("bool", "G"),
+    "rhythms": Array("bool", "G bits"),
+    "upper_names": Array("str", "upper_joints"),
+    "lower_names": Array("str", "lower_joints"),
+    "finger_names": Array("str", "fingers"),
+    "dropped": Array("str", "dropped 2"),
+    "thresholds": Array("f8", f"{len(cutting.THRESHOLDS)} 2", stored_arrays.finite_or_nan),
+    "notes": Array("str", "notes"),
+}
+_VALUES = len(style.VALUES)
+KIND = Kind(
+    "gesture database", "build-graph",
+    reference_frames.ARRAYS | CLIP_ARRAYS | {
+        "mirrored": Array("bool", "C"),
+        "styles": Array("f8", f"G {_VALUES}"),
+        "style_means": Array("f8", f"{_VALUES}"),
+        "style_scales": Array("f8", f"{_VALUES}", stored_arrays.not_negative),
+        "twins": Array("i8", "G", stored_arrays.below("G")),
+        "finger_sources": Array("i8", "G", stored_arrays.below("G")),
+        **_edge_arrays("upper"),
+        **_edge_arrays("lower"),
+        "deltas": Array("f8", f"{len(BODIES)}", stored_arrays.not_negative),
+        "feature_means": Array("f8", f"{len(style.FEATURES)}"),
+        "feature_scales": Array("f8", f"{len(style.FEATURES)}", stored_arrays.not_negative),
+        "coefficients": Array("f8", f"{len(style.FEATURES)} {_VALUES}", stored_arrays.any_size_or_nan),
+        "intercepts": Array("f8", f"{_VALUES}", stored_arrays.any_size_or_nan),
+        "r2": Array("f8", f"{_VALUES}", stored_arrays.any_size_or_nan),
+        "n_fitted": Array("i8", "", stored_arrays.not_negative),
+    },
+    FORMAT_VERSION, _unfit,
+)  # fmt: skip
+
+
 def save(path: str | Path, database: GestureDatabase, config: Config, clip_digests: Sequence[str] = ()) -> None:
     """Store it, with the settings that it depends on (`reference_frames.save`)."""
-    reference_frames.save(path, database, FORMAT_VERSION, config.section_json(*SETTINGS), clip_digests)
+    reference_frames.save(path, database, KIND, config.section_json(*SETTINGS), clip_digests)
 
 
 def load(path: str | Path, config: Config | None = None, clip_digests: Sequence[str] | None = None) -> GestureDatabase:
     """Read a stored one; DataErrors as by `reference_frames.load`."""
     settings = None if config is None else config.section_json(*SETTINGS)
-    return reference_frames.load(GestureDatabase, "gesture database", path, FORMAT_VERSION, settings, clip_digests)
+    return reference_frames.load(GestureDatabase, KIND, path, settings, clip_digests)

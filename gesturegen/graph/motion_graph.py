@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,8 +13,10 @@ from gesturegen.clips import Reference
 from gesturegen.config import Config, Continuity
 from gesturegen.graph import continuity, neighbours, pruning, reference_frames
 from gesturegen.graph.reference_frames import ReferenceFrames, describe, join, positions_of, require_one_skeleton
+from gesturegen.stored import arrays as stored_arrays
+from gesturegen.stored.arrays import Array, Kind
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 # Everything a stored graph depends on beyond its clips.
 SETTINGS = (
     "fps", "joints", "positions", "continuity", "onsets", "keywords.words", "wrists", "exclude", "breaks",
@@ -114,12 +116,46 @@ def from_positions(
     )
 
 
+# --- files --------------------------------------------------------------------------------------------------
+
+
+def _unfit(stored: Mapping[str, np.ndarray]) -> str | None:
+    """What is wrong between the arrays of a graph, each of which is as it should be."""
+    if problem := reference_frames.unfit(stored):
+        return problem
+    nodes, natural = len(stored["positions"]), stored["natural"]
+    lefts = np.repeat(np.arange(nodes), np.diff(stored["indptr"]))
+    if not (np.diff(lefts * nodes + stored["indices"]) > 0).all():
+        return "indices do not rise in each row"
+    rights = stored["indices"][natural]
+    if (rights != lefts[natural] + 1).any() or np.isin(rights, stored["segment_starts"]).any():
+        return "natural edges do not lead to the next frame of a segment"
+    if stored["weights"][natural].any():
+        return "weights of natural edges are not 0"
+    return None
+
+
+KIND = Kind(
+    "graph", "build-graph",
+    reference_frames.ARRAYS | {
+        "indptr": Array("i8", "N+1", stored_arrays.pointers("E")),
+        "indices": Array("i8", "E", stored_arrays.below("N")),
+        "weights": Array("f4", "E", stored_arrays.not_negative),
+        "natural": Array("bool", "E"),
+        "thresholds": Array("f8", "N", stored_arrays.finite_or_nan),
+        "near_nodes": Array("i4", "N M", stored_arrays.below("N")),
+        "near_distances": Array("f8", "N M", stored_arrays.not_negative),
+    },
+    FORMAT_VERSION, _unfit,
+)  # fmt: skip
+
+
 def save(path: str | Path, graph: MotionGraph, config: Config, clip_digests: Sequence[str] = ()) -> None:
     """Store it, with the settings that it depends on (`reference_frames.save`)."""
-    reference_frames.save(path, graph, FORMAT_VERSION, config.section_json(*SETTINGS), clip_digests)
+    reference_frames.save(path, graph, KIND, config.section_json(*SETTINGS), clip_digests)
 
 
 def load(path: str | Path, config: Config | None = None, clip_digests: Sequence[str] | None = None) -> MotionGraph:
     """Read a stored one; DataErrors as by `reference_frames.load`."""
     settings = None if config is None else config.section_json(*SETTINGS)
-    return reference_frames.load(MotionGraph, "graph", path, FORMAT_VERSION, settings, clip_digests, mapped=False)
+    return reference_frames.load(MotionGraph, KIND, path, settings, clip_digests, mapped=False)

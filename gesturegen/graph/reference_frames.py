@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from gesturegen import files
 from gesturegen.clips import Reference, check_settings, select_joints
 from gesturegen.config import Config, Continuity
 from gesturegen.errors import DataError
 from gesturegen.graph import continuity
-from gesturegen.keynodes import KeyNodes, of_reference, reference_speaking
+from gesturegen.keynodes import BREAK, KEYWORD, ONSET, KeyNodes, of_reference, reference_speaking
 from gesturegen.motion import kinematics
 from gesturegen.motion.skeleton import Motion, Skeleton, read_only
+from gesturegen.stored import arrays as stored_arrays
+from gesturegen.stored.arrays import Array, Kind
+from gesturegen.stored.sealing import damaged
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,24 +186,65 @@ def join(described: Sequence[dict]) -> dict:
 
 # --- files --------------------------------------------------------------------------------------------------
 
+# What every library holds, of N nodes, J joints and C clips.
+ARRAYS = {
+    "config": Array("str"),
+    "clip_digests": Array("str", "digests"),
+    "positions": Array("f4", "N J 3"),
+    "joint_names": Array("str", "J"),
+    "fps": Array("f8", "", stored_arrays.within(1e-3, 1e5)),
+    "clip_names": Array("str", "C"),
+    "clip_starts": Array("i8", "C", stored_arrays.starts("N")),
+    "source_frames": Array("i8", "N", stored_arrays.not_negative),
+    "segment_starts": Array("i8", "S", stored_arrays.starts("N")),
+    "speaking": Array("bool", "N"),
+    "key_frames": Array("i8", "K", stored_arrays.rising("N")),
+    "key_kinds": Array("str", "K", stored_arrays.among(ONSET, KEYWORD, BREAK)),
+    "key_words": Array("str", "K"),
+}
+
+
+_ANY = Kind("graph", "build-graph", ARRAYS)
+
+
+def read_arrays(path: str | Path, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Some of the arrays that every library holds, whichever method it is of; DataErrors as by `load`."""
+    if not Path(path).is_file():
+        raise DataError(f"{path}: this graph has not been built; run `gesturegen build-graph` first")
+    return stored_arrays.read(path, _ANY, names)
+
+
+def unfit(stored: Mapping[str, np.ndarray]) -> str | None:
+    """What is wrong between the arrays of a library, each of which is as it should be."""
+    if not np.isin(stored["clip_starts"], stored["segment_starts"]).all():
+        return "clip_starts do not begin segments"
+    within_clips = np.ones(len(stored["source_frames"]), dtype=bool)
+    within_clips[stored["clip_starts"]] = False
+    if not (np.diff(stored["source_frames"])[within_clips[1:]] > 0).all():
+        return "source_frames do not rise within clips"
+    if (stored["key_words"][stored["key_kinds"] != KEYWORD] != "").any():
+        return "key_words are there for nodes that are no keywords"
+    return None
+
 
 def save(
-    path: str | Path, library: ReferenceFrames, version: int, settings: str, clip_digests: Sequence[str] = ()
+    path: str | Path, library: ReferenceFrames, kind: Kind, settings: str, clip_digests: Sequence[str] = ()
 ) -> None:
     """Store what a method searches as `.npz` (README, file formats).
 
-    version : of the format; settings : JSON of all that it depends on
+    settings : JSON of all that it depends on
     clip_digests : SHA-256 of the stored clips it was built from, so that `load` can tell when they changed
     """
     values = {field.name: getattr(library, field.name) for field in fields(library)}
     nodes = values.pop("key_nodes")
-    files.write_arrays(
+    stored_arrays.write(
         path,
         {
-            "format_version": np.array(version),
+            "format_version": np.array(kind.version),
             "config": np.array(settings),
             "clip_digests": np.array(clip_digests, dtype=str),
             **{name: np.asarray(value) for name, value in values.items()},
+            "fps": np.array(float(library.fps)),
             "key_frames": nodes.frames,
             "key_kinds": nodes.kinds,
             "key_words": nodes.keywords,
@@ -210,33 +253,29 @@ def save(
 
 
 def load(
-    kind: type[ReferenceFrames], what: str, path: str | Path, version: int, settings: str | None = None,
+    made: type[ReferenceFrames], kind: Kind, path: str | Path, settings: str | None = None,
     clip_digests: Sequence[str] | None = None, mapped: bool = True,
 ) -> ReferenceFrames:  # fmt: skip
-    """Read what `save` stored, large arrays as maps of the file unless not `mapped`; DataError when it is missing, damaged or of another version.
+    """Read what `save` stored, large arrays as maps of the file unless not `mapped`, and check it against its kind.
 
-    Also, where they are given, when it was made with other settings or from clips with other digests.
-    what : what a message calls it
+    DataError when it is missing, DamagedError when it is damaged or of another version, DataError, where they are
+    given, when it was made with other settings or from clips with other digests.
     """
     path = Path(path)
     if not path.is_file():
-        raise DataError(f"{path}: this {what} has not been built; run `gesturegen build-graph` first")
-    stored = files.map_arrays(path) if mapped else files.read_arrays(path)
+        raise DataError(f"{path}: this {kind.what} has not been built; run `gesturegen build-graph` first")
+    stored = stored_arrays.read(path, kind, mapped=mapped)
+    if settings is not None:
+        check_settings(path, str(stored["config"]), settings, "build-graph")
+    if clip_digests is not None and list(clip_digests) != stored["clip_digests"].tolist():
+        raise DataError(f"{path}: its clips were preprocessed again since; run `gesturegen build-graph` again")
     try:
-        if stored["format_version"] != version:
-            raise DataError(
-                f"{path}: format {stored['format_version']}, this version reads {version}; run build-graph again"
-            )
-        if settings is not None:
-            check_settings(path, str(stored["config"]), settings, "build-graph")
-        if clip_digests is not None and list(clip_digests) != stored["clip_digests"].tolist():
-            raise DataError(f"{path}: its clips were preprocessed again since; run `gesturegen build-graph` again")
-        return kind(
-            **{field.name: stored[field.name] for field in fields(kind) if field.type == "np.ndarray"},
+        return made(
+            **{field.name: stored[field.name] for field in fields(made) if field.type == "np.ndarray"},
             joint_names=tuple(map(str, stored["joint_names"])),
             fps=float(stored["fps"]),
             clip_names=tuple(map(str, stored["clip_names"])),
             key_nodes=KeyNodes(stored["key_frames"], stored["key_kinds"], stored["key_words"]),
         )
-    except KeyError as error:
-        raise DataError(f"{path}: no array {error} in it; delete it and run build-graph again") from None
+    except ValueError as error:
+        raise damaged(path, str(error), "build-graph") from None

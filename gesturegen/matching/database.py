@@ -5,7 +5,7 @@ k-NN motion matching (Habibie et al. 2022, §3.1.1).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -29,8 +29,10 @@ from gesturegen.matching.features import Scaling
 from gesturegen.motion import kinematics
 from gesturegen.motion.skeleton import Skeleton
 from gesturegen.search.nearest import Candidates
+from gesturegen.stored import arrays as stored_arrays
+from gesturegen.stored.arrays import Array, Kind
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 SETTINGS = (
     "fps", "joints", "positions", "onsets", "wrists", "exclude", "breaks", "keywords.words", "pauses", "acoustics",
     "references.seconds", "motion_matching.sequence_seconds", "motion_matching.step_seconds",
@@ -139,12 +141,43 @@ def build(references: Sequence[Reference], config: Config) -> MatchingDatabase:
     return assemble([describe_part(reference, config) for reference in references], config)
 
 
+# --- files --------------------------------------------------------------------------------------------------
+
+
+def _unfit(stored: Mapping[str, np.ndarray]) -> str | None:
+    """What is wrong between the arrays of a database, each of which is as it should be."""
+    if problem := reference_frames.unfit(stored):
+        return problem
+    starts, stops = stored["sequence_starts"], stored["sequence_stops"]
+    first, last = (np.searchsorted(stored["segment_starts"], nodes, side="right") for nodes in (starts, stops - 1))
+    if not (starts < stops).all() or not (stops[:-1] <= starts[1:]).all() or (first != last).any():
+        return "sequence_stops do not end the sequences within their segments"
+    return None
+
+
+KIND = Kind(
+    "matching database", "build-graph",
+    reference_frames.ARRAYS | {
+        "pose": Array("f4", "N P"),
+        "audio": Array("f4", "N A"),
+        "pose_means": Array("f8", "P"),
+        "pose_scales": Array("f8", "P", stored_arrays.not_negative),
+        "audio_means": Array("f8", "A"),
+        "audio_scales": Array("f8", "A", stored_arrays.not_negative),
+        "sequence_starts": Array("i8", "sequences", stored_arrays.starts("N")),
+        "sequence_stops": Array("i8", "sequences", stored_arrays.up_to("N")),
+        "valid": Array("bool", "N"),
+    },
+    FORMAT_VERSION, _unfit,
+)  # fmt: skip
+
+
 def save(path: str | Path, database: MatchingDatabase, config: Config, clip_digests: Sequence[str] = ()) -> None:
     """Store it, with the settings that it depends on (`reference_frames.save`)."""
-    reference_frames.save(path, database, FORMAT_VERSION, config.section_json(*SETTINGS), clip_digests)
+    reference_frames.save(path, database, KIND, config.section_json(*SETTINGS), clip_digests)
 
 
 def load(path: str | Path, config: Config | None = None, clip_digests: Sequence[str] | None = None) -> MatchingDatabase:
     """Read a stored one; DataErrors as by `reference_frames.load`."""
     settings = None if config is None else config.section_json(*SETTINGS)
-    return reference_frames.load(MatchingDatabase, "matching database", path, FORMAT_VERSION, settings, clip_digests)
+    return reference_frames.load(MatchingDatabase, KIND, path, settings, clip_digests)

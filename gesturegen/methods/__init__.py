@@ -11,6 +11,7 @@ from gesturegen.errors import DataError
 from gesturegen.gestures.database import GestureDatabase
 from gesturegen.graph.motion_graph import MotionGraph
 from gesturegen.methods import baseline, gesture_master, motion_graph, motion_matching
+from gesturegen.stored import sealing
 
 METHODS = {
     "motion_graph": motion_graph, "gesture_master": gesture_master, "motion_matching": motion_matching,
@@ -28,7 +29,8 @@ def load_library(path: str | Path) -> MotionGraph | GestureDatabase:
     """Read a stored library, whichever method it is of; DataError when it is missing, damaged or none."""
     if not Path(path).is_file():
         raise DataError(f"{path}: this graph has not been built; run `gesturegen build-graph` first")
-    found = files.read_arrays(path, only={*_MARKS, _WHOLE})
+    sealing.checksum(path, "build-graph")
+    found = files.map_arrays(path, only={*_MARKS, _WHOLE})
     for mark, method in _MARKS.items():
         if mark in found and _WHOLE in found:
             return method.load(path)

@@ -16,14 +16,16 @@ from gesturegen.config import Config
 from gesturegen.graph import reference_frames
 from gesturegen.graph.reference_frames import ReferenceFrames, describe, join, positions_of, require_one_skeleton
 from gesturegen.search.path import Path, Piece, Target, Track
+from gesturegen.stored.arrays import Kind
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 # What the frames of references depend on: the settings that are common to all methods.
 SETTINGS = (
     "fps", "joints", "positions", "onsets", "wrists", "exclude", "breaks", "keywords.words", "pauses",
     "references.seconds",
 )  # fmt: skip
 STRETCH = "stretch"
+KIND = Kind("set of frames", "build-graph", reference_frames.ARRAYS, FORMAT_VERSION, reference_frames.unfit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +47,7 @@ def build(references: Sequence[Reference], config: Config) -> RecordedFrames:
 
 def save(path: str | FilePath, library: RecordedFrames, config: Config, clip_digests: Sequence[str] = ()) -> None:
     """Store them, with the settings that they depend on (`reference_frames.save`)."""
-    reference_frames.save(path, library, FORMAT_VERSION, config.section_json(*SETTINGS), clip_digests)
+    reference_frames.save(path, library, KIND, config.section_json(*SETTINGS), clip_digests)
 
 
 def load(
@@ -53,7 +55,7 @@ def load(
 ) -> RecordedFrames:
     """Read stored ones; DataErrors as by `reference_frames.load`."""
     settings = None if config is None else config.section_json(*SETTINGS)
-    return reference_frames.load(RecordedFrames, "set of frames", path, FORMAT_VERSION, settings, clip_digests)
+    return reference_frames.load(RecordedFrames, KIND, path, settings, clip_digests)
 
 
 def search(

@@ -38,6 +38,7 @@ from gesturegen.pipeline.showing import show
 from gesturegen.randomness import generator
 from gesturegen.search import objective
 from gesturegen.search.path import Path as SearchPath
+from gesturegen.stored import documents
 
 # The reference clips of each test clip, by setup and seed.
 _Chosen = dict[tuple[str, int], dict[str, tuple[str, ...]]]
@@ -278,12 +279,12 @@ def _write(result: summary.Result, plan: Plan, made: Summary) -> None:
     folder = work_path(plan.base, "ablation")
     files.write_text(folder / "ablation.md", tables.format_markdown(result))
     files.write_text(folder / "ablation.csv", tables.format_csv(result))
-    files.write_json(folder / "ablation.json", tables.json_table(result))
+    documents.write(folder / "ablation.json", tables.json_table(result))
     made.written = [folder / f"ablation.{kind}" for kind in ("md", "csv", "json")]
     lengths = folder / "reference_length.json"
     lengths.unlink(missing_ok=True)  # an older one would not be of this table
     if len({config.references.seconds for config in plan.setups.values()}) > 1:
-        files.write_json(lengths, reference_length.table(plan.setups, result))
+        documents.write(lengths, reference_length.table(plan.setups, result))
         made.written.append(lengths)
     picture = folder / "ablation.png"
     try:

@@ -17,12 +17,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gesturegen import __version__, files
+from gesturegen import __version__, clips
 from gesturegen.config import Config
-from gesturegen.errors import DataError
+from gesturegen.errors import DamagedError, DataError
 from gesturegen.gestures import database, style
-from gesturegen.gestures.database import GESTURE_SETTINGS, SETTINGS, Edges, GestureDatabase
+from gesturegen.gestures.database import CLIP_ARRAYS, GESTURE_SETTINGS, SETTINGS, Edges, GestureDatabase
 from gesturegen.gestures.extraction import BODIES, Gestures, extract
+from gesturegen.graph import reference_frames
 from gesturegen.graph.reference_frames import describe as describe_frames
 from gesturegen.graph.reference_frames import join, require_one_skeleton
 from gesturegen.keynodes import KeyNodes
@@ -30,12 +31,50 @@ from gesturegen.methods import METHODS
 from gesturegen.parallel import Outcome, for_each
 from gesturegen.pipeline.common import clip_path, digests, limits, load_reference, work_path
 from gesturegen.recordings import is_listed
+from gesturegen.stored import arrays as stored_arrays
+from gesturegen.stored import sealing
+from gesturegen.stored.arrays import Array, Kind
 
 if TYPE_CHECKING:
     from gesturegen.pipeline.build_graph import Library
 
 # Clips that edges lead to, of one task.
 BLOCK = 2000
+_COPIES = {f"{body}_{end}": Array("f4", f"copies G {body}_values") for body in BODIES for end in ("ends", "starts")}
+_DESCRIBED = {
+    name: value
+    for name, value in reference_frames.ARRAYS.items()
+    if name not in ("config", "clip_digests", "positions")
+}
+# What has been built of a recording: `Gestures`, and what `describe` says of its frames.
+_PART = Kind(
+    "part of a gesture database", "build-graph",
+    {
+        "made_of": Array("str"),
+        "positions": Array("f4", "copies N J 3"),
+        **CLIP_ARRAYS,
+        **_COPIES,
+        "styles": Array("f8", f"copies G {len(style.VALUES)}"),
+        "features": Array("f8", f"G {len(style.FEATURES)}", stored_arrays.finite_or_nan),
+        "upper_joints": Array("i8", "2", stored_arrays.not_negative),
+        "lower_joints": Array("i8", "2", stored_arrays.not_negative),
+        "has_fingers": Array("bool"),
+        "poses": Array("f4", "copies G pose_values"),
+        **{name if name.startswith("key_") else f"described_{name}": value for name, value in _DESCRIBED.items()},
+    },
+    relations=lambda stored: _unfit_part(stored),
+)  # fmt: skip
+# The edges that lead to some of the clips, of which there are as many as there are in the whole database.
+_BLOCK_KIND = Kind(
+    "block of edges", "build-graph",
+    {
+        "made_of": Array("str"),
+        "indptr": Array("i8", "led_to+1", stored_arrays.pointers("E")),
+        "sources": Array("i4", "E", stored_arrays.not_negative),
+        "costs": Array("f4", "E"),
+        "delta": Array("f8", "", stored_arrays.not_negative),
+    },
+)  # fmt: skip
 # Named in the lines of `build-graph`; `inspect` lists all of them.
 _MOST_DROPPED = 10
 
@@ -43,19 +82,23 @@ _MOST_DROPPED = 10
 def prepare(libraries: Mapping[str, Library], jobs: int, label: str, quiet: bool, reuse: bool) -> Outcome:
     """Cut all recordings, then find all edges; whatever is stored already and current is kept.
 
-    Returns errors and bugs by library.
+    Returns errors and bugs by library, and in `done` what to say of stored parts that had to be made again.
     """
     todo = {name: library for name, library in libraries.items() if not (reuse and is_current(library))}
     different = {name: line for name, library in todo.items() if (line := _different_skeletons(library))}
     tasks, users = {}, {}
-    for name, library in todo.items():
+    for name, library in libraries.items():
         if name in different:
             continue
         for recording, limit in zip(library.names, limits(library.config, library.names), strict=True):
-            title = _part_path(library.config, recording, limit).stem
+            path = _part_path(library.config, recording, limit)
+            if name not in todo and not path.is_file():
+                continue  # a database that is whole needs no parts, but those that are there must be whole too
+            title = path.stem
             tasks[title] = partial(_extract, library.config, recording, limit)
             users.setdefault(title, []).append(name)
-    failed = failures(for_each(tasks, jobs, f"{label}: gestures", quiet), users) if tasks else Outcome()
+    cut = for_each(tasks, jobs, f"{label}: gestures", quiet) if tasks else Outcome()
+    failed = failures(cut, users)
     failed.errors |= different
     links, owners = {}, {}
     for name, library in todo.items():
@@ -67,8 +110,13 @@ def prepare(libraries: Mapping[str, Library], jobs: int, label: str, quiet: bool
                 title = f"{name}, {body} body, clips from {first}"
                 links[title] = partial(_link, library.config, library.names, library.path, body, first)
                 owners[title] = [name]
-    linked = failures(for_each(links, jobs, f"{label}: edges", quiet), owners) if links else Outcome()
-    return Outcome(errors=failed.errors | linked.errors, bugs=failed.bugs | linked.bugs)
+    joined = for_each(links, jobs, f"{label}: edges", quiet) if links else Outcome()
+    linked = failures(joined, owners)
+    notes: dict[str, list[str]] = {}
+    for title, own in {**cut.done, **joined.done}.items():
+        for name in {**users, **owners}[title]:
+            notes.setdefault(name, []).extend(own)
+    return Outcome(notes, failed.errors | linked.errors, failed.bugs | linked.bugs)
 
 
 def is_current(library: Library) -> bool:
@@ -84,7 +132,7 @@ def _different_skeletons(library: Library) -> str | None:
     """Why recordings cannot share a database: stored parts do not know with which others they will be joined."""
     try:
         texts = [
-            str(files.read_arrays(clip_path(library.config, name), only=("hierarchy",)).get("hierarchy"))
+            str(stored_arrays.read(clip_path(library.config, name), clips.KIND, ("hierarchy",))["hierarchy"])
             for name in library.names
         ]
         for name, text in zip(library.names, texts, strict=True):
@@ -119,22 +167,38 @@ def _made_of(config: Config, names: Sequence[str], *settings: str) -> str:
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
-def _is_stored(path: Path, made_of: str) -> bool:
+def _unfit_part(stored: Mapping[str, np.ndarray]) -> str | None:
+    """What is wrong between the arrays of a part, each of which is as it should be."""
+    frames = {name.removeprefix("described_"): value for name, value in stored.items()}
+    for body in BODIES:
+        positions, rotations = stored[f"{body}_joints"].tolist()
+        values, frame = stored[f"{body}_ends"].shape[-1], 3 * positions + 4 * rotations
+        if values and (not frame or values % frame):
+            return f"{body}_joints do not fit {body}_ends"
+    return reference_frames.unfit(frames) or database.unfit_clips(frames)
+
+
+def _is_stored(path: Path, kind: Kind, made_of: str) -> tuple[bool, list[str]]:
+    """Whether a part of these inputs is stored as it was written, and what to say of one that is not."""
     try:
-        return str(files.read_arrays(path)["made_of"]) == made_of
-    except (DataError, KeyError):
-        return False
+        return path.is_file() and str(stored_arrays.read(path, kind, mapped=True)["made_of"]) == made_of, []
+    except DamagedError as error:
+        return False, [sealing.remade(error)]
+    except DataError:
+        return False, []
 
 
-def _extract(config: Config, recording: str, limit: int | None) -> None:
+def _extract(config: Config, recording: str, limit: int | None) -> list[str]:
+    """Store what a recording brings; the result is what to say of it."""
     path = _part_path(config, recording, limit)
     made_of = _made_of(config, [recording], *GESTURE_SETTINGS)
-    if _is_stored(path, made_of):
-        return
+    stored, notes = _is_stored(path, _PART, made_of)
+    if stored:
+        return notes
     reference = load_reference(config, recording, limit)
     described = describe_frames(reference, config)
     nodes = described.pop("key_nodes")
-    files.write_arrays(
+    stored_arrays.write(
         path,
         {
             "made_of": np.array(made_of),
@@ -145,10 +209,11 @@ def _extract(config: Config, recording: str, limit: int | None) -> None:
             "key_words": nodes.keywords,
         },
     )
+    return notes
 
 
 def _read_part(path: Path) -> tuple[Gestures, dict]:
-    stored = files.map_arrays(path)
+    stored = stored_arrays.read(path, _PART, mapped=True)
     described = {name.removeprefix("described_"): value for name, value in stored.items() if "described_" in name}
     described |= {
         "joint_names": tuple(described["joint_names"].tolist()),
@@ -170,15 +235,18 @@ def _block_path(library: Path, body: str, first: int) -> Path:
     return library.with_suffix(".blocks") / f"{body}-{first}.npz"
 
 
-def _link(config: Config, names: tuple[str, ...], library: Path, body: str, first: int) -> None:
+def _link(config: Config, names: tuple[str, ...], library: Path, body: str, first: int) -> list[str]:
+    """Store the edges that lead to a block of clips; the result is what to say of it."""
     path = _block_path(library, body, first)
     made_of = _made_of(config, names, *SETTINGS)
-    if _is_stored(path, made_of):
-        return
+    stored, notes = _is_stored(path, _BLOCK_KIND, made_of)
+    if stored:
+        return notes
     borders, delta = _borders(config.model_dump_json(by_alias=True), names, digests(config, names), body)
     last = min(first + BLOCK, len(borders[1].positions))
     edges = database.link(borders, body, delta, config, first, last)
-    files.write_arrays(path, {"made_of": np.array(made_of), **vars(edges)})
+    stored_arrays.write(path, {"made_of": np.array(made_of), **vars(edges), "delta": np.array(edges.delta)})
+    return notes
 
 
 @lru_cache(maxsize=1)
@@ -218,7 +286,7 @@ def _n_clips(parts: Sequence[Gestures]) -> int:
 
 
 def _edge_arrays(path: Path) -> dict:
-    stored = files.map_arrays(path)
+    stored = stored_arrays.read(path, _BLOCK_KIND, mapped=True)
     return {name: stored[name] for name in ("indptr", "sources", "costs")} | {"delta": float(stored["delta"])}
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from gesturegen.config import Config
-from gesturegen.errors import DataError
+from gesturegen.errors import DamagedError, DataError
 from gesturegen.gestures.database import GestureDatabase
 from gesturegen.graph.motion_graph import MotionGraph
 from gesturegen.graph.reference_frames import ReferenceFrames
@@ -32,6 +32,7 @@ from gesturegen.pipeline.common import (
     work_path,
 )
 from gesturegen.pipeline.memory import require_memory
+from gesturegen.stored import sealing
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,7 @@ def build_libraries(
     """Build and store them all; the result of each is what to say of it: `lines` and `notes`."""
     staged = {name: library for name, library in libraries.items() if library.config.method == "gesture_master"}
     outcome = build_database.prepare(staged, jobs, label, quiet, reuse)
+    remade = outcome.done
     parts, broken = _matching_parts(libraries, jobs, label, quiet, reuse)
     outcome = Outcome(errors=outcome.errors | broken.errors, bugs=outcome.bugs | broken.bugs)
     failed = outcome.errors | outcome.bugs
@@ -78,6 +80,8 @@ def build_libraries(
         if name not in failed
     }
     built = for_each(tasks, jobs, label, quiet)
+    for name, done in built.done.items():
+        done["notes"] = [*remade.get(name, ()), *done["notes"]]
     errors = dict(sorted({**built.errors, **outcome.errors}.items()))
     return Outcome(built.done, errors, dict(sorted({**built.bugs, **outcome.bugs}.items())))
 
@@ -114,11 +118,14 @@ def _matching_part(config: Config, recording: str, limit: int | None) -> matchin
 def _build(library: Library, reuse: bool, parts: Sequence[matching.Part] | None) -> dict:
     config, method = library.config, METHODS[library.config.method]
     clip_digests = digests(config, library.names)
+    lost = []
     if reuse:
         try:
             stored = method.load(library.path, config, clip_digests)
             build_database.forget_blocks(library.path)  # a build may have been killed before it did
             return _describe(stored, config)
+        except DamagedError as error:
+            lost = [sealing.remade(error)]
         except DataError:
             pass
     if config.method == "gesture_master":
@@ -130,7 +137,8 @@ def _build(library: Library, reuse: bool, parts: Sequence[matching.Part] | None)
     method.save(library.path, found, config, clip_digests)
     if config.method == "gesture_master":
         build_database.forget_blocks(library.path)
-    return _describe(found, config)
+    told = _describe(found, config)
+    return told | {"notes": [*lost, *told["notes"]]}
 
 
 def _describe(found: ReferenceFrames, config: Config) -> dict:

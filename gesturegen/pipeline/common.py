@@ -6,19 +6,20 @@ import hashlib
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from gesturegen import clips, files, recordings
 from gesturegen.config import Config
-from gesturegen.errors import DataError, GesturegenError
+from gesturegen.errors import DamagedError, DataError, GesturegenError
 from gesturegen.files import require_writable  # noqa: F401 - for the commands
 from gesturegen.gestures import extraction
 from gesturegen.parallel import Outcome
+from gesturegen.stored import arrays as stored_arrays
+from gesturegen.stored import documents, sealing
 
-INDEX_VERSION = 1
+INDEX_VERSION = 2
 
 
 @dataclass
@@ -61,9 +62,9 @@ def read_index(config: Config) -> dict:
     path = work_path(config, "clips", "index.json")
     if not path.is_file():
         raise DataError(f"{path}: nothing has been preprocessed there; run `gesturegen preprocess` first")
-    index = files.read_json(path)
-    if index.get("format_version") != INDEX_VERSION:
-        raise DataError(f"{path}: written by another version; run `gesturegen preprocess` again")
+    index = documents.read(path, documents.Index, "preprocess")
+    if index["format_version"] != INDEX_VERSION:
+        raise DamagedError(f"{path}: written by another version; run `gesturegen preprocess` again")
     clips.check_settings(path, index["settings"], config.section_json("data", "blacklist"), "preprocess")
     _locate_recordings(index["tests"], path, config)
     return index
@@ -99,7 +100,7 @@ def read_manifest(work: Path) -> dict:
     path = work / "reenact" / "manifest.json"
     if not path.is_file():
         raise DataError(f"{path.parent}: nothing has been reenacted there; run `gesturegen reenact` first")
-    return files.read_json(path)
+    return documents.read(path, documents.Manifest, "reenact")
 
 
 def chosen_references(config: Config, index: dict) -> dict[str, tuple[str, ...]]:
@@ -129,7 +130,7 @@ def limits(config: Config, names: Sequence[str]) -> list[int | None]:
         return [None] * len(names)
     found, left = [], round(config.references.seconds * config.fps)
     for name in names:
-        n_frames = len(files.read_arrays(clip_path(config, name), only=("source_frames",))["source_frames"])
+        n_frames = len(stored_arrays.read(clip_path(config, name), clips.KIND, ("source_frames",))["source_frames"])
         # A clip whose motion is longer than its sound may leave nothing for the next, which has been chosen.
         found.append(max(left, 1) if left < n_frames else None)
         left -= n_frames
@@ -176,17 +177,11 @@ def digests(config: Config, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def stored_digest(path: Path) -> str:
-    """The hash of a stored file; DataError where there is none.
+    """The checksum of a stored file, after a look whether it is still right; DataError where there is none.
 
-    A worker hashes each state of a file once: with large references that takes longer than a search.
+    A worker reads each state of a file once for this and for loading it: with large references that takes longer
+    than a search.
     """
-    try:
-        state = path.stat()
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}); run the command that writes it") from None
-    return _digest(str(path), state.st_ino, state.st_mtime_ns, state.st_size)
-
-
-@cache
-def _digest(path: str, *_state: int) -> str:
-    return files.sha256(path)
+    return sealing.checksum(
+        path, {"clips": "preprocess", "graphs": "build-graph"}.get(path.parent.name, "train-refiner")
+    )

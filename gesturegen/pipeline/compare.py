@@ -23,6 +23,7 @@ from gesturegen.ablation.tables import aligned_blocks, format_spread, markdown_b
 from gesturegen.config import Config
 from gesturegen.errors import DataError, GesturegenError
 from gesturegen.evaluation import Measure
+from gesturegen.graph import reference_frames
 from gesturegen.methods import METHODS
 from gesturegen.metrics.usage import training_utilisation
 from gesturegen.motion import bvh, cleanup
@@ -33,6 +34,7 @@ from gesturegen.pipeline.common import (
     clip_path,
     graph_name,
     read_index,
+    read_manifest,
     require_writable,
     work_path,
 )
@@ -40,6 +42,7 @@ from gesturegen.pipeline.memory import require_memory_for
 from gesturegen.randomness import generator
 from gesturegen.report import pack, page
 from gesturegen.speech import audio
+from gesturegen.stored import documents
 from gesturegen.tables import format_figure, json_figures
 
 FOLDER = "compare"
@@ -144,7 +147,7 @@ def _compare(plan: Plan, tasks: Sequence[_Task], index: dict, jobs: int, quiet: 
     result = _Comparison(columns, setups, rows, len(index["tests"]), signature)
     files.write_text(written[0], _format_markdown(result))
     files.write_text(written[1], _format_csv(result))
-    files.write_json(written[2], _json_table(result))
+    documents.write(written[2], _json_table(result))
     shown = _write_page(written[3], result, plan, first, index, jobs, quiet)
     shown.lines = [_format_terminal(result), *shown.lines]
     shown.written = [*written, *(task.kept.parent for task in first)]
@@ -206,7 +209,7 @@ def _run_clip(task: _Task, test: str, base: Config, truth_path: str | None) -> d
 def _complete_folder(task: _Task, rows: Sequence[dict]) -> None:
     """Make the folder of a setup a work folder, so that every command works on it: it shares the clips."""
     folder = task.kept.parent
-    files.write_json(task.kept / "manifest.json", submission.manifest(rows, task.config))
+    documents.write(task.kept / "manifest.json", submission.manifest(rows, task.config))
     target = os.path.relpath(work_path(task.config, "clips").resolve(), folder.resolve())
     try:
         (folder / "clips").symlink_to(target, target_is_directory=True)
@@ -365,7 +368,7 @@ def _write_page(
         "seed": seed,
         "config_hash": seeded(plan.base, seed).signature(),
         "config": {"fps": plan.base.fps},
-        "clips": [_total_row(setup, files.read_json(folder / "reenact" / "manifest.json"))
+        "clips": [_total_row(setup, read_manifest(folder))
                   for setup, folder in folders.items()],
     }  # fmt: skip
     figures = {
@@ -444,6 +447,6 @@ def _pack_clip(name: str, indexed: Mapping, base: Config, folders: Mapping[str, 
 
 def _pack_motion(name: str, folder: Path, base: Config, setup: str) -> dict:
     motion = cleanup.resample(bvh.read(folder / "reenact" / f"{name}.bvh"), base.fps)
-    trace = files.read_json(folder / "reenact" / f"{name}.trace.json")
-    stored = files.read_arrays(folder / "graphs" / f"{trace['graph']}.npz", only=("source_frames",))
+    trace = submission.read_trace(folder / "reenact" / f"{name}.trace.json")
+    stored = reference_frames.read_arrays(folder / "graphs" / f"{trace['graph']}.npz", ("source_frames",))
     return pack.pack_motion(motion, base, setup, pack.pack_trace(trace, stored["source_frames"]))

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from gesturegen import __version__, clips, evaluation, files, submission, tables
 from gesturegen.config import Config
 from gesturegen.control import hands
-from gesturegen.errors import DataError
+from gesturegen.errors import DamagedError, DataError
 from gesturegen.gestures.extraction import spoken
 from gesturegen.graph.reference_frames import ReferenceFrames
 from gesturegen.inspection import traces
@@ -38,6 +38,7 @@ from gesturegen.pipeline.common import (
 from gesturegen.pipeline.keyword_gestures import load_frames
 from gesturegen.pipeline.motions import folder_motions, folder_sounds
 from gesturegen.speech import audio
+from gesturegen.stored import documents, sealing
 
 _CONTROL_COLUMNS = ("clip", *evaluation.CONTROL_HEADINGS)
 _CONTROL_FIGURES = range(5, len(_CONTROL_COLUMNS))
@@ -67,6 +68,7 @@ def evaluate(
 
     reuse : keep a run's figures when neither its clips, their truth nor the settings have changed
     """
+    lost: list[tuple[str, str]] = []
     if bvh_folder is not None:
         evidence, failed, index = _foreign_evidence(bvh_folder, audio_folder, truth_folder), [], None
         signature = {"method": "files", "config_hash": config.signature(), "seed": "-", "version": __version__}
@@ -74,8 +76,12 @@ def evaluate(
         index = read_index(config)
         evidence, failed, signature = _own_evidence(config, index, truth_folder)
         signature["inputs"] = _inputs(evidence, config)
-        if reuse and (kept := _kept_figures(config, signature)) is not None:
-            return kept
+        if reuse:
+            try:
+                if (kept := _kept_figures(config, signature, {*failed, *(item.name for item in evidence)})) is not None:
+                    return kept
+            except DamagedError as error:
+                lost = [("evaluate", sealing.remade(error))]
     require_writable(work_path(config, "evaluate"))
     outcome = for_each({item.name: partial(_measure, item, config) for item in evidence}, jobs, "evaluate", quiet)
     measured = outcome.done
@@ -93,7 +99,7 @@ def evaluate(
         _add_utilisation(rows, total, {name: done["references"] for name, done in measured.items()}, index)
     columns = evaluation.measures(config)
     control = {name: done["control"] for name, done in sorted(measured.items()) if done["control"]}
-    summary = Summary(outcome)
+    summary = Summary(outcome, lost)
     suffix = "" if bvh_folder is None else "_files"
     if compat:
         columns = list(evaluation.COMPAT_MEASURES)
@@ -113,19 +119,31 @@ def _inputs(evidence: list[_Evidence], config: Config) -> str:
     return hashlib.sha256("\n".join(made_of).encode()).hexdigest()[:12]
 
 
-def _kept_figures(config: Config, signature: dict) -> Summary | None:
-    """The stored tables, when they were made of the same inputs."""
+def _kept_figures(config: Config, signature: dict, names: set[str]) -> Summary | None:
+    """The stored tables, when they were made of the same inputs; DamagedError when one is not as it was written.
+
+    names : of the clips, which must all be in them: one that could not be measured may have been mended since
+    """
     csv_path, json_path = work_path(config, "evaluate", "metrics.csv"), work_path(config, "evaluate", "summary.json")
     if not csv_path.is_file() or not json_path.is_file():
         return None
-    stored = files.read_json(json_path)
-    if stored.get("signature") != signature:
+    stored = documents.read(json_path, documents.Summary, "evaluate")
+    if stored["signature"] != signature or stored["clips"].keys() != names:
         return None
     rows = {name: tables.from_json(row) for name, row in stored["clips"].items()}
     total, columns = tables.from_json(stored["total"]), evaluation.measures(config)
     control, control_path = stored.get("control", {}), _control_path(config)
     if control_path.is_file() != bool(control):
         return None
+    try:
+        texts = {csv_path: tables.format_csv(rows, total, columns, signature)}
+        if control:
+            texts[control_path] = _control_csv(control, signature)
+    except KeyError as error:
+        raise sealing.damaged(json_path, f"no figure {error}", "evaluate") from None
+    for path, text in texts.items():
+        if path.read_bytes() != text.encode():
+            raise sealing.damaged(path, "not what summary.json says", "evaluate")
     written = [csv_path, json_path, *([control_path] if control else [])]
     return Summary(Outcome(done=rows), lines=_lines(rows, total, columns, control, signature), written=written)
 
@@ -139,7 +157,7 @@ def _write_tables(
     files.write_text(csv_path, tables.format_csv(rows, total, columns, signature))
     figures = {name: tables.json_figures(row) for name, row in rows.items()}
     told = {"signature": signature, "total": tables.json_figures(total), "clips": figures}
-    files.write_json(json_path, told | ({"control": control} if control else {}))
+    documents.write(json_path, told | ({"control": control} if control else {}))
     written = [csv_path, json_path]
     if control:
         files.write_text(_control_path(config), _control_csv(control, signature))
@@ -220,10 +238,12 @@ def _measure(evidence: _Evidence, config: Config) -> dict:
     references: list[str] = []
     skate = evaluation.NAN
     if evidence.trace is not None:
-        trace = files.read_json(evidence.trace)
+        trace = submission.read_trace(evidence.trace)
+        submission.require_unchanged(evidence.motion, trace)
         library = METHODS[trace["method"]].load(graph_path(config, trace["graph"]))
         references = list(library.clip_names)
         graph = load_frames(library, trace, config)
+        submission.require_nodes(trace, graph.n_nodes)
         skate = reference_skate(config, submission.shown_clips(trace))
     heard = read_heard(evidence.audio, config)
     row = evaluation.measure_clip(generated, config, heard, truth, trace, graph, skate)

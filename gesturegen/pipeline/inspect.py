@@ -6,7 +6,7 @@ import json
 from difflib import get_close_matches
 from pathlib import Path
 
-from gesturegen import files
+from gesturegen import files, submission
 from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.extras import need
@@ -46,14 +46,9 @@ def inspect(config: Config, target: str, plot: Path | None = None, as_json: bool
             lines = graphs.graph_lines(facts)
             draw = lambda file: plots.plot_graph(library, path.stem, file)  # noqa: E731
     else:
-        trace = files.read_json(path)
-        try:
-            library, lack = _library_of(config, path, trace)
-            facts = traces.describe_trace(trace, library)
-        except (KeyError, TypeError, IndexError) as error:
-            raise DataError(
-                f"{path}: no trace of gesturegen ({error!r} is missing); run `gesturegen reenact`"
-            ) from None
+        trace = submission.read_trace(path)
+        library, lack = _library_of(config, path, trace)
+        facts = traces.describe_trace(trace, library)
         if lack:
             warnings.append((trace["clip"], lack))
         lines = traces.trace_lines(facts)

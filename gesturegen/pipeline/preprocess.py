@@ -5,14 +5,15 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from gesturegen import clips, files, recordings
+from gesturegen import clips, recordings
 from gesturegen.config import Config
-from gesturegen.errors import DataError
+from gesturegen.errors import DamagedError, DataError
 from gesturegen.motion import bvh, cleanup, screening
 from gesturegen.parallel import Outcome, describe_bugs, for_each
 from gesturegen.pipeline.common import INDEX_VERSION, Summary, clip_path, relative_to_work, require_writable, work_path
 from gesturegen.recordings import Recording
 from gesturegen.speech import audio
+from gesturegen.stored import documents, sealing
 
 
 def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None = None, reuse: bool = False) -> Summary:
@@ -38,8 +39,11 @@ def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None =
                  "no reference clip could be read, so there is nothing to build from"]
             )
         )  # fmt: skip
-    files.write_json(work_path(config, "clips", "index.json"), _index(config, references, tests, outcome))
+    index_path = work_path(config, "clips", "index.json")
+    lost = documents.damage(index_path, documents.Index, "preprocess") if reuse else []
+    documents.write(index_path, _index(config, references, tests, outcome))
     summary = Summary(outcome, [(name, note) for name, done in outcome.done.items() for note in done["notes"]])
+    summary.warnings += [("index", note) for note in lost]
     summary.warnings += _unmatched_patterns(config, references)
     summary.warnings += [
         (recording.name, "no BVH file, so it is no reference")
@@ -60,13 +64,17 @@ def _preprocess_clip(
 ) -> dict:
     path = clip_path(config, recording.name)
     digest = clips.input_digest(recording)
-    clip = clips.load_if_current(path, config, digest, with_motion) if reuse else None
+    clip, lost = None, []
+    try:
+        clip = clips.load_if_current(path, config, digest, with_motion) if reuse and path.is_file() else None
+    except DamagedError as error:
+        lost = [sealing.remade(error)]
     if clip is None:
         clip = clips.prepare(recording, config, with_motion)
         clips.save(path, clip, config, digest)
     if export_bvh is not None and clip.motion is not None:
         bvh.write(export_bvh / f"{clip.name}.bvh", clip.motion)
-    return {"notes": clip.all_notes(config), "speaker": clip.speaker, "seconds": clip.duration}
+    return {"notes": [*lost, *clip.all_notes(config)], "speaker": clip.speaker, "seconds": clip.duration}
 
 
 def _refuse_twins(references: dict[str, Recording], tests: dict[str, Recording]) -> None:

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from gesturegen import __version__, clips, files, keynodes, submission
+from gesturegen import __version__, clips, keynodes, submission
 from gesturegen.config import Config
-from gesturegen.errors import DataError
+from gesturegen.errors import DamagedError, DataError
 from gesturegen.graph.reference_frames import ReferenceFrames
 from gesturegen.methods import METHODS
 from gesturegen.motion.skeleton import Motion
@@ -37,6 +37,7 @@ from gesturegen.pipeline.memory import require_memory
 from gesturegen.pipeline.showing import show
 from gesturegen.randomness import generator
 from gesturegen.search.path import Path as SearchPath
+from gesturegen.stored import documents, sealing
 
 # Frames of a reference that are further apart than this show another moment of it.
 ELSEWHERE_FRAMES = 15
@@ -76,11 +77,13 @@ def reenact(config: Config, jobs: int, quiet: bool, reuse: bool = False, variant
             submission.remove_clip(folder, name)
             rows.append({"clip": name, "references": list(chosen.get(name, ())), "stuck": False, "error": error})
         manifest = submission.manifest(rows, config, variant)
+        lost = documents.damage(folder / "manifest.json", documents.Manifest, "reenact") if reuse else []
         if variants == 1 and not _is_stored(manifest, folder):
             _remove_variants(config)
-        files.write_json(folder / "manifest.json", manifest)
+        documents.write(folder / "manifest.json", manifest)
     summary = Summary(outcome, written=[folders[0], *(folder.parent for folder in folders[1:])])
     _describe(summary, config)
+    summary.warnings += [("manifest", note) for note in lost]
     summary.warnings += warnings
     return summary
 
@@ -138,7 +141,7 @@ def _search_batch(tests: Sequence[str], names: tuple[str, ...], config: Config, 
     for test in tests:
         try:
             inputs = _made_of(test, names, config, 1)
-            if not (reuse and submission.read_trace_if_current(_folder(config, 1), test, inputs)):
+            if not (reuse and _kept(test, inputs, config)[0]):
                 speeches[test] = clips.load(clip_path(config, test), config, with_motion=False).test_speech(config)
         except DataError:
             continue  # told by the clip's own task
@@ -159,7 +162,7 @@ def _reenact_clip(
     found : the path of the first one, where it has been searched for already
     """
     inputs = [_made_of(test, names, config, variant) for variant in range(1, variants + 1)]
-    trace = submission.read_trace_if_current(_folder(config, 1), test, inputs[0]) if reuse else None
+    trace, lost = _kept(test, inputs[0], config) if reuse else (None, [])
     if trace is not None:
         row = submission.clip_row(trace) | {"files": submission.kept_clip(_folder(config, 1), test, trace)}
         return [{"row": row, "notes": trace["notes"], "new": None}]
@@ -176,8 +179,20 @@ def _reenact_clip(
             nodes = submission.shown_nodes(trace)
             new = share_of_new_frames(nodes, shown, frames) if shown else None
             shown.append(nodes)
-        results.append({"row": submission.clip_row(trace) | {"files": written}, "notes": trace["notes"], "new": new})
+        row = submission.clip_row(trace) | {"files": written}
+        results.append({"row": row, "notes": [*lost, *trace["notes"]], "new": new})
     return results
+
+
+def _kept(test: str, inputs: str, config: Config) -> tuple[dict | None, list[str]]:
+    """The trace of an earlier result of these inputs; None when there is none, or none that is as it was written.
+
+    Then the list says so.
+    """
+    try:
+        return submission.read_trace_if_current(_folder(config, 1), test, inputs), []
+    except DamagedError as error:
+        return None, [sealing.remade(error)]
 
 
 def gestures(
@@ -286,7 +301,7 @@ def _remove_variants(config: Config) -> None:
 def _is_stored(manifest: dict, folder: Path) -> bool:
     """Whether an earlier run left the same manifest, and so the same result of the same inputs."""
     try:
-        return files.read_json(folder / "manifest.json") == manifest
+        return documents.read(folder / "manifest.json", documents.Manifest, "reenact") == manifest
     except DataError:
         return False
 

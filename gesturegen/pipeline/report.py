@@ -7,17 +7,17 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
-from gesturegen import clips, evaluation, files
+from gesturegen import clips, evaluation, submission
 from gesturegen.config import Config
 from gesturegen.control import hands
 from gesturegen.errors import DataError, GesturegenError
+from gesturegen.graph import reference_frames
 from gesturegen.motion import bvh, cleanup
 from gesturegen.parallel import for_each
 from gesturegen.pipeline.common import Summary, clip_path, read_index, read_manifest, require_writable, work_path
 from gesturegen.report import pack, page
 from gesturegen.speech import audio
+from gesturegen.stored import documents, sealing
 
 _OWN_LABELS = ("generated", "truth")
 # What tells in a graph where the hands of the references are.
@@ -89,7 +89,7 @@ def _evaluation(config: Config, manifest: dict) -> tuple[list[str], dict | None]
     path = work_path(config, "evaluate", "summary.json")
     if not path.is_file():
         return ["This run has not been evaluated: run `gesturegen evaluate`, then `gesturegen report` again."], None
-    figures = files.read_json(path)
+    figures = documents.read(path, documents.Summary, "evaluate")
     ours = [manifest["config_hash"], manifest["seed"]]
     if [figures["signature"].get(key) for key in ("config_hash", "seed")] != ours:
         return [
@@ -108,9 +108,9 @@ def _ablation(config: Config) -> page.Ablation | None:
     if plot is None and table is None:
         return None
     return page.Ablation(
-        plot=plot and plot.read_bytes(),
-        results=table and files.read_json(table),
-        lengths=lengths and files.read_json(lengths),
+        plot=plot and sealing.read_png(plot, "ablate"),
+        results=table and documents.read(table, documents.Ablation, "ablate"),
+        lengths=lengths and documents.read(lengths, documents.Lengths, "ablate"),
     )
 
 
@@ -147,9 +147,12 @@ def _reenacted(name: str, work: Path, config: Config, label: str) -> dict:
         if not (folder / f"{name}{suffix}").is_file():
             raise DataError(f"{folder / (name + suffix)}: missing; run `gesturegen reenact` again")
     motion = cleanup.resample(bvh.read(folder / f"{name}.bvh"), config.fps)
-    trace = files.read_json(folder / f"{name}.trace.json")
+    trace = submission.read_trace(folder / f"{name}.trace.json")
+    submission.require_unchanged(folder / f"{name}.bvh", trace)
     demands = evaluation.demands_of(trace)
-    stored = _stored(work / "graphs" / f"{trace['graph']}.npz", ("source_frames", *(_PLACES if demands else ())))
+    # Not the whole of it: a graph of all references can be as large as the memory.
+    wanted = ("source_frames", *(_PLACES if demands else ()))
+    stored = reference_frames.read_arrays(work / "graphs" / f"{trace['graph']}.npz", wanted)
     control = []
     if demands:
         shown = evaluation.hand_curves(evaluation.locate(motion, config), config)
@@ -159,17 +162,6 @@ def _reenacted(name: str, work: Path, config: Config, label: str) -> dict:
         )
         control = pack.pack_control(demands, shown, recorded, motion.fps)
     return pack.pack_motion(motion, config, label, pack.pack_trace(trace, stored["source_frames"], control))
-
-
-def _stored(path: Path, wanted: Sequence[str]) -> dict[str, np.ndarray]:
-    """The arrays of a graph that a report needs: a graph of all references can be as large as the memory."""
-    if not path.is_file():
-        raise DataError(f"{path}: this graph has not been built; run `gesturegen build-graph` first")
-    stored = files.read_arrays(path, only=wanted)
-    for name in wanted:
-        if name not in stored:
-            raise DataError(f"{path}: no array {name!r} in it; delete it and run build-graph again")
-    return stored
 
 
 def _true_motion(path: Path, config: Config) -> dict:

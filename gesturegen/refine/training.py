@@ -11,6 +11,7 @@ import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +24,10 @@ from gesturegen.config import Refiner
 from gesturegen.errors import DataError
 from gesturegen.files import write_bytes
 from gesturegen.motion.skeleton import read_only
+from gesturegen.refine import checkpoints
 from gesturegen.refine.network import Critic, Generator
 from gesturegen.refine.representation import Description, Normalisation
 
-# Raised when what a checkpoint holds changes.
-_FORMAT = 1
 # Settings that a run may be taken up with when they have changed: they say how long, not how.
 _MAY_CHANGE = frozenset({"enabled", "checkpoint", "iterations", "patience", "device", "stride_seconds", "furthest_k"})
 # Held-out windows that a check looks at, spread over all of them.
@@ -156,12 +156,12 @@ def train(
     with _one_thread():
         run = _Run(pairs, settings, seed, description)
         if resume and checkpoint_path.exists():
-            run.restore(_load(checkpoint_path), checkpoint_path)
+            run.restore(checkpoints.load(checkpoint_path), checkpoint_path)
         while not run.finished():
             run.step()
             if run.history.iterations % settings.check_every == 0 or run.history.iterations == settings.iterations:
                 run.check()
-                write_bytes(checkpoint_path, lambda file: torch.save(run.state(), file))
+                write_bytes(checkpoint_path, partial(checkpoints.store, run.state()))
             if progress is not None:
                 progress(run.history.iterations, run.history)
         return run.history
@@ -264,7 +264,7 @@ class _Run:
     def state(self) -> dict[str, Any]:
         """Numbers, texts and tensors only, so that reading it runs no code."""
         return {
-            "format": _FORMAT,
+            "format": checkpoints.FORMAT,
             "description": {"joints": list(self.description.joints), "fps": self.description.fps},
             "settings": self.settings.model_dump(),
             "seed": self.seed,
@@ -293,11 +293,12 @@ class _Run:
         other = f"{changed} {old.get(changed)}, not {new[changed]}" if changed else other
         if other:
             raise DataError(f"{path}: a run with {other}; delete it to train from the start, or write to another file")
-        self.generator.load_state_dict(state["generator"])
-        self.critic.load_state_dict(state["critic"])
-        self.generator_adam.load_state_dict(state["generator_adam"])
-        self.critic_adam.load_state_dict(state["critic_adam"])
-        self.rng.bit_generator.state = state["rng"]
+        with checkpoints.fitting(path):
+            self.generator.load_state_dict(state["generator"])
+            self.critic.load_state_dict(state["critic"])
+            self.generator_adam.load_state_dict(state["generator_adam"])
+            self.critic_adam.load_state_dict(state["critic_adam"])
+            self.rng.bit_generator.state = state["rng"]
         self.history = History(**state["history"])
         self.best = state["best"]
 
@@ -389,22 +390,6 @@ def _device(settings: Refiner) -> torch.device:
 # --- checkpoints --------------------------------------------------------------------------------------------
 
 
-def _load(path: str | Path) -> dict[str, Any]:
-    """What `train` wrote; DataError for a missing or damaged file or one of another kind."""
-    try:
-        with open(path, "rb") as file:
-            state = torch.load(file, map_location="cpu", weights_only=True)
-        if state["format"] != _FORMAT:
-            raise ValueError(f"format {state['format']}, expected {_FORMAT}")
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}); train a refiner first") from None
-    except Exception as error:
-        # zipfile, pickle and torch each have their own word for a damaged file, some of many lines.
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise DataError(f"{path}: not a refiner, or damaged ({reason}); delete it and train again") from None
-    return state
-
-
 def _as_lists(scale: Normalisation) -> dict[str, list[float]]:
     return {"mean": scale.mean.tolist(), "scale": scale.scale.tolist()}
 
@@ -422,12 +407,13 @@ def _same_skeleton(state: dict[str, Any], description: Description, path: str | 
         raise DataError(f"{path}: trained for another skeleton: {difference}; train a refiner for this one")
 
 
-def _networks(state: dict[str, Any], device: torch.device) -> tuple[Generator, Critic]:
-    """The networks with the best weights, for use."""
+def _networks(state: dict[str, Any], device: torch.device, path: str | Path) -> tuple[Generator, Critic]:
+    """The networks with the best weights, for use; DamagedError when those of the file at `path` do not fit them."""
     channels = state["audio_channels"], _description(state).channels
     generator, critic = Generator(*channels), Critic(*channels)
-    generator.load_state_dict(state["best"]["generator"])
-    critic.load_state_dict(state["best"]["critic"])
+    with checkpoints.fitting(path):
+        generator.load_state_dict(state["best"]["generator"])
+        critic.load_state_dict(state["best"]["critic"])
     return generator.to(device).eval(), critic.to(device).eval()
 
 
@@ -446,10 +432,10 @@ def refine(
     The whole sequence in one pass: the generator is fully convolutional, so there are no windows to join.
     Raises DataError for a checkpoint that is missing, damaged, or of another skeleton than `description`.
     """
-    state = _load(checkpoint_path)
+    state = checkpoints.load(checkpoint_path)
     _same_skeleton(state, description, checkpoint_path)
     device = _device(settings or Refiner())
-    generator, _ = _networks(state, device)
+    generator, _ = _networks(state, device, checkpoint_path)
     scale = _scale(state, "gesture")
     inputs = [
         torch.from_numpy(part)[None].to(device) for part in (_scale(state, "audio").apply(audio), scale.apply(gesture))
@@ -470,7 +456,7 @@ def conditioning_margin(checkpoint_path: str | Path, pairs: Pairs, seeds: Sequen
     Each as mean and standard deviation over shuffles with `seeds`. D is in units of the distance between two
     windows. `pairs` are those the checkpoint was trained with.
     """
-    state = _load(checkpoint_path)
+    state = checkpoints.load(checkpoint_path)
     settings = Refiner.model_validate(state["settings"])
     if state["digest"] != _digest(pairs):
         raise DataError(f"{checkpoint_path}: trained with other pairs than these")
@@ -478,7 +464,7 @@ def conditioning_margin(checkpoint_path: str | Path, pairs: Pairs, seeds: Sequen
     if len(held_out) < 2:
         raise DataError(f"{len(held_out)} held-out windows: there is no other audio to give them")
     device = _device(settings)
-    generator, critic = _networks(state, device)
+    generator, critic = _networks(state, device, checkpoint_path)
     part = pairs.take(_spread(held_out, _CHECKED_WINDOWS))
     audio = torch.from_numpy(_scale(state, "audio").apply(part.audio)).to(device)
     fake, real = (torch.from_numpy(_scale(state, "gesture").apply(x)).to(device) for x in (part.fake, part.real))

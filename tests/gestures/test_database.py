@@ -29,6 +29,7 @@ from gesturegen.graph.reference_frames import describe, join, positions_of
 from gesturegen.keynodes import KeyNodes
 from gesturegen.methods import gesture_master
 from gesturegen.motion import kinematics
+from gesturegen.stored import arrays as stored_arrays
 from tests import naive
 from tests.builders import SMALL, refused
 from tests.gestures import gesture_builders as gb
@@ -469,11 +470,13 @@ def test_a_database_of_other_clips_is_refused(stored):
 
 def test_a_database_of_another_format_or_without_an_array_is_refused(stored, tmp_path):
     arrays = files.read_arrays(stored[0])
-    files.write_arrays(tmp_path / "newer.npz", arrays | {"format_version": np.array(99)})
-    with refused(DataError, "format 99, this version reads 1; run build-graph again", tmp_path / "newer.npz"):
+    stored_arrays.write(tmp_path / "newer.npz", arrays | {"format_version": np.array(99)})
+    with refused(
+        DataError, "format 99, this version reads 2; run `gesturegen build-graph` again", tmp_path / "newer.npz"
+    ):
         load(tmp_path / "newer.npz")
     for name in arrays:
-        files.write_arrays(tmp_path / "less.npz", {key: value for key, value in arrays.items() if key != name})
+        stored_arrays.write(tmp_path / "less.npz", {key: value for key, value in arrays.items() if key != name})
         with refused(DataError, f"no array '{name}' in it", tmp_path / "less.npz"):
             load(tmp_path / "less.npz", stored[3], ["one", "two"])
     with refused(DataError, "this gesture database has not been built; run `gesturegen build-graph` first"):
@@ -597,14 +600,11 @@ def test_a_mapped_array_of_another_shape_than_its_size_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("at_least", [1, 10**6])
-def test_compressed_arrays_are_refused_where_they_would_be_mapped(tmp_path, at_least):
+def test_compressed_arrays_are_refused(tmp_path, at_least):
     path = tmp_path / "a.npz"
     np.savez_compressed(path, **SOME)
-    if at_least == 1:
-        with refused(DataError, r"damaged \(small.npy is compressed\)", path):
-            files.map_arrays(path, at_least)
-    else:
-        np.testing.assert_array_equal(files.map_arrays(path, at_least)["large"], SOME["large"])
+    with refused(DataError, r"damaged \(small.npy is compressed\)", path):
+        files.map_arrays(path, at_least)
 
 
 @pytest.mark.parametrize("at_least", [1, 10**6])

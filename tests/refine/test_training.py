@@ -5,7 +5,7 @@ torch = pytest.importorskip("torch")
 
 from gesturegen.config import Refiner  # noqa: E402
 from gesturegen.errors import DataError  # noqa: E402
-from gesturegen.refine import training  # noqa: E402
+from gesturegen.refine import checkpoints, training  # noqa: E402
 from gesturegen.refine.network import Critic, Generator  # noqa: E402
 from gesturegen.refine.representation import Description  # noqa: E402
 from gesturegen.refine.training import Pairs  # noqa: E402
@@ -124,7 +124,12 @@ def test_each_player_moves_the_scores_its_way():
 
 def run(path, settings=QUICK, pairs=PAIRS, seed=0, **options):
     history = training.train(pairs, settings, seed, path, TWO, **options)
-    return history, training._load(path)
+    return history, checkpoints.load(path)
+
+
+def stored(state, path) -> None:
+    with open(path, "w+b") as file:
+        checkpoints.store(state, file)
 
 
 @pytest.fixture(scope="module")
@@ -323,7 +328,7 @@ def test_a_refiner_that_corrects_nothing_gives_back_its_input(trained, tmp_path)
     best = dict(state["best"]["generator"])
     for name in ("up.3.1.weight", "up.3.1.bias"):
         best[name] = torch.zeros_like(best[name])
-    torch.save(state | {"best": state["best"] | {"generator": best}}, tmp_path / "r.pt")
+    stored(state | {"best": state["best"] | {"generator": best}}, tmp_path / "r.pt")
     gesture = np.random.default_rng(0).normal(size=(TWO.channels, 30))
     refined = training.refine(tmp_path / "r.pt", np.ones((28, 30)), gesture, TWO)
     np.testing.assert_allclose(refined, gesture, atol=1e-5)
@@ -349,6 +354,36 @@ def test_a_missing_checkpoint_is_refused(tmp_path):
         use(tmp_path / "none.pt")
 
 
+def not_finite(state):
+    weights = dict(state["best"]["generator"])
+    weights["up.3.1.bias"] = torch.full_like(weights["up.3.1.bias"], torch.nan)
+    return state | {"best": state["best"] | {"generator": weights}}
+
+
+@pytest.mark.parametrize("change", [
+    not_finite,
+    lambda state: state | {"best": state["best"] | {"generator": {}}},
+    lambda state: state | {"scales": {"audio": None, "gesture": None}},
+    lambda state: state | {"audio_channels": 10**9},
+    lambda state: {key: value for key, value in state.items() if key != "history"},
+])  # fmt: skip
+@pytest.mark.slow
+def test_a_forged_checkpoint_is_refused(trained, tmp_path, change):
+    stored(change(trained[2]), tmp_path / "r.pt")
+    with refused(DataError, "not a refiner, or damaged", tmp_path / "r.pt"):
+        use(tmp_path / "r.pt")
+
+
+@pytest.mark.slow
+def test_any_flipped_bit_of_a_checkpoint_is_noticed(trained, tmp_path):
+    whole, rng = trained[0].read_bytes(), np.random.default_rng(0)
+    for number in range(20):
+        place, path = int(rng.integers(len(whole))), tmp_path / f"{number}.pt"
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ (1 << number % 8)]) + whole[place + 1 :])
+        with refused(DataError, "not a refiner, or damaged", path):
+            use(path)
+
+
 @pytest.mark.parametrize("damage", ["empty", "text", "cut", "flipped", "foreign", "other format"])
 @pytest.mark.slow
 def test_a_damaged_checkpoint_is_refused(trained, tmp_path, damage):
@@ -356,9 +391,9 @@ def test_a_damaged_checkpoint_is_refused(trained, tmp_path, damage):
     whole = path.read_bytes()
     bad = tmp_path / "bad.pt"
     if damage == "foreign":
-        torch.save({"weights": torch.ones(3)}, bad)
+        stored({"weights": torch.ones(3)}, bad)
     elif damage == "other format":
-        torch.save(state | {"format": 99}, bad)
+        stored(state | {"format": 99}, bad)
     else:
         cut = whole[: len(whole) // 2]
         bad.write_bytes({"empty": b"", "text": b"hello", "cut": cut, "flipped": b"\0" * 64 + whole[64:]}[damage])
@@ -371,7 +406,7 @@ def test_a_checkpoint_runs_no_code(tmp_path):
         def __reduce__(self):
             return (print, ("run",))
 
-    torch.save({"format": 1, "evil": Evil()}, tmp_path / "evil.pt")
+    stored({"format": 1, "evil": Evil()}, tmp_path / "evil.pt")
     with refused(DataError, "not a refiner, or damaged", tmp_path / "evil.pt"):
         use(tmp_path / "evil.pt")
 

@@ -5,6 +5,7 @@ import hashlib
 import json
 import re
 import shutil
+import zlib
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import pytest
 from gesturegen.config import load_config
 from gesturegen.graph import motion_graph
 from gesturegen.report import lengths, page
+from gesturegen.stored import documents
 from gesturegen.submission import shown_nodes
 from tests import tiny
 from tests.builders import chain, write_clip
@@ -180,16 +182,17 @@ def test_figures_of_another_run_are_left_out(recorded, work):
 
 def test_an_ablation_is_shown_where_there_is_one(recorded, work):
     (work / "ablation").mkdir()
-    (work / "ablation/ablation.png").write_bytes(b"\x89PNG fake")
+    picture = b"\x89PNG\r\n\x1a\n" + bytes(4) + b"IEND" + zlib.crc32(b"IEND").to_bytes(4)
+    (work / "ablation/ablation.png").write_bytes(picture)
     setup = {
         "mean": {"syn": 0.5, "failure": 1, "div": None},
         "spread": {"syn": 0.25},
         "paper": {"syn": 0.6, "bc": 0.02},
     }
-    (work / "ablation/ablation.json").write_text(json.dumps({"setups": {"weak_<pruning>": setup}}))
+    documents.write(work / "ablation/ablation.json", {"setups": {"weak_<pruning>": setup}})
     report(recorded, work)
     html, tags, _ = read(work / "report.html")
-    assert "data:image/png;base64," + base64.b64encode(b"\x89PNG fake").decode() in html
+    assert "data:image/png;base64," + base64.b64encode(picture).decode() in html
     assert "weak_<pruning>" in tags.texts["th"] and {"0.5 ± 0.25", "0.6", "0.02"} <= set(tags.texts["td"])
 
 
@@ -222,12 +225,12 @@ def places(html: str, shape: str) -> list[list[tuple[float, float]]]:
 
 def test_reference_lengths_are_plotted(recorded, work):
     (work / "ablation").mkdir()
-    (work / "ablation/ablation.json").write_text(json.dumps({"setups": {}}))
+    documents.write(work / "ablation/ablation.json", {"setups": {}})
     lines = {
         "beam": points("beam", (0.5, 900.0, 0.5), (5, 300.0, 0.2)),
         "glo<bal>": points("global", (0.5, 700.0, 0.6), (5, None, None)),
     }
-    (work / "ablation/reference_length.json").write_text(json.dumps({"lines": lines}))
+    documents.write(work / "ablation/reference_length.json", {"lines": lines})
     report(recorded, work)
     html, tags, _ = read(work / "report.html")
     section = html[html.index('id="reference-length"') :]
@@ -272,7 +275,7 @@ def test_other_runs_are_shown_beside(recorded, work, tmp_path):
     (other / f"reenact/{NASTY}.bvh").unlink()
     manifest = json.loads((other / "reenact/manifest.json").read_text())
     next(row for row in manifest["clips"] if row["clip"] == NASTY)["error"] = "it broke"
-    (other / "reenact/manifest.json").write_text(json.dumps(manifest))
+    documents.write(other / "reenact/manifest.json", manifest)
     result = report(recorded, work, "--compare", f"seed 9={other}")
     _, _, clips = read(work / "report.html")
     assert [motion["label"] for motion in clips["tst_a"]["motions"]] == ["generated", "truth", "seed 9"]
@@ -323,7 +326,7 @@ def test_a_run_in_which_every_clip_failed(recorded, work):
     manifest = json.loads((work / "reenact/manifest.json").read_text())
     for row in manifest["clips"]:
         row["error"] = "it broke & <burnt>"
-    (work / "reenact/manifest.json").write_text(json.dumps(manifest))
+    documents.write(work / "reenact/manifest.json", manifest)
     report(recorded, work)
     html, _, clips = read(work / "report.html")
     assert clips == {} and "No clip of this run can be shown." in html and "it broke &amp; &lt;burnt&gt;" in html
@@ -355,7 +358,7 @@ def test_lost_sound_and_truth_leave_a_note(recorded, tmp_path):
 def test_a_clip_that_the_index_no_longer_has(recorded, work):
     index = json.loads((work / "clips/index.json").read_text())
     del index["tests"]["tst_a"]
-    (work / "clips/index.json").write_text(json.dumps(index))
+    documents.write(work / "clips/index.json", index)
     result = run("report", "--data", recorded, "--work", work, "-j", 1)
     assert result.exit_code == 1 and "error: tst_a: clip tst_a: " in result.output
 
