@@ -15,6 +15,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from gesturegen import inputs
 from gesturegen.errors import DataError
 
 
@@ -122,7 +123,7 @@ def _mapped(path: str | Path, file: BinaryIO, member: zipfile.ZipInfo) -> np.nda
 def sha256(path: str | Path) -> str:
     """The hash of a file's bytes, in hexadecimal; DataError when it cannot be read."""
     try:
-        with open(path, "rb") as file:
+        with inputs.open_regular(path, hint="run the command that writes it") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror}); run the command that writes it") from None

@@ -10,7 +10,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from gesturegen import files
+from gesturegen import files, inputs
 from gesturegen.clips import Reference, Speech
 from gesturegen.config import Config
 from gesturegen.control.gestures import placements
@@ -135,10 +135,10 @@ class _Joined(Sequence):
 def _load(config: Config, name: str, like: Reference | None) -> Reference:
     """A gesture of the library; like : a reference whose skeleton it must have."""
     folder = FilePath(config.control.library) if config.control.library else None
-    if folder is None or not folder.is_dir():
+    if folder is None or not inputs.is_dir(folder):
         raise DataError(f"control.library: {config.control.library!r} is no folder; give the one that has {name}.bvh")
     path = folder / f"{name}.bvh"
-    if not path.is_file():
+    if not inputs.is_file(path):
         known = sorted(one.stem for one in folder.glob("*.bvh"))
         near = get_close_matches(name, known, n=1, cutoff=0.4)
         hint = f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(known) or 'no BVH file'}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from gesturegen import clips, files, recordings
+from gesturegen import clips, files, inputs, recordings
 from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.motion import bvh, cleanup, screening
@@ -103,7 +103,7 @@ def _truths(config: Config, tests: dict[str, Recording]) -> dict[str, str]:
     found = {name: recording.motion_path for name, recording in tests.items() if recording.motion_path}
     if config.data.truth_split is not None:
         folder = Path(config.paths.data) / config.data.truth_split
-        if not folder.is_dir():
+        if not inputs.is_dir(folder):
             raise DataError(f"{folder}: no such folder of true motion; check data.truth_split")
         found |= {
             r.name: r.motion_path for r in recordings.list_recordings(folder) if r.motion_path and r.name in tests
