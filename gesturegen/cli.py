@@ -12,6 +12,7 @@ import click
 
 from gesturegen import __version__
 from gesturegen.errors import GesturegenError
+from gesturegen.inputs import shown
 from gesturegen.parallel import default_jobs
 
 if TYPE_CHECKING:
@@ -99,7 +100,7 @@ def _run(quiet: bool, work: Callable[[], Summary]) -> None:
         summary = work()
     if not quiet:
         for clip, note in summary.warnings[:_MOST_WARNINGS]:
-            click.echo(f"warning: {clip}: {note}", err=True)
+            click.echo(f"warning: {shown(clip)}: {note}", err=True)
         if len(summary.warnings) > _MOST_WARNINGS:
             click.echo(f"warning: and {len(summary.warnings) - _MOST_WARNINGS} more", err=True)
         for line in summary.lines:
@@ -108,10 +109,10 @@ def _run(quiet: bool, work: Callable[[], Summary]) -> None:
             click.echo(f"written: {path}")
     outcome = summary.outcome
     for clip, trace in outcome.bugs.items():
-        click.echo(f"{trace}bug: {clip}: this is a fault of gesturegen; please report the lines above", err=True)
+        click.echo(f"{trace}bug: {shown(clip)}: this is a fault of gesturegen; please report the lines above", err=True)
     for clip, error in outcome.errors.items():
         for line in error.splitlines():
-            click.echo(f"error: {clip}: {line}", err=True)
+            click.echo(f"error: {shown(clip)}: {line}", err=True)
     if outcome.failed:
         click.echo(f"error: {outcome.failed} of {outcome.failed + len(outcome.done)} failed", err=True)
         sys.exit(1)

@@ -106,7 +106,7 @@ def read_bytes(
     with open_regular(path, error, hint, most_bytes) as file:
         try:
             # One more than allowed: a file may grow while it is read.
-            raw = file.read(most_bytes + 1)
+            raw = file.read(most_bytes + 1) or b""  # None for a file of the system that would make one wait
         except OSError as problem:
             raise error(f"{shown(path)}: cannot be read ({problem.strerror}); {hint}") from None
     if len(raw) > most_bytes:

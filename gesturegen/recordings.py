@@ -37,10 +37,14 @@ def reference_recordings(config: Config) -> list[Recording]:
     folder = _reference_folder(config)
     found = [recording for recording in list_recordings(folder) if recording.motion_path]
     if not found:
-        raise DataError(f"{folder}: no BVH file in it; expected GENEA's {AGENT}/bvh, or BVH and WAV files side by side")
+        raise DataError(
+            f"{inputs.shown(folder)}: no BVH file in it; expected GENEA's {AGENT}/bvh, or BVH and WAV files side by side"
+        )
     left = [recording for recording in found if not is_listed(recording.name, config.blacklist)]
     if not left:
-        raise DataError(f"{folder}: no reference is left of {len(found)} after the blacklist; shorten `blacklist`")
+        raise DataError(
+            f"{inputs.shown(folder)}: no reference is left of {len(found)} after the blacklist; shorten `blacklist`"
+        )
     return left
 
 
@@ -63,7 +67,9 @@ def test_recordings(config: Config) -> list[Recording]:
     folder = _test_folder(config)
     found = [recording for recording in list_recordings(folder) if recording.audio_path or recording.transcript_path]
     if not found:
-        raise DataError(f"{folder}: no audio file in it; expected GENEA's {AGENT}/wav, or WAV, FLAC or OGG files")
+        raise DataError(
+            f"{inputs.shown(folder)}: no audio file in it; expected GENEA's {AGENT}/wav, or WAV, FLAC or OGG files"
+        )
     return found
 
 
@@ -120,7 +126,7 @@ def _stems(folder: Path, kind: str, extensions: tuple[str, ...], problems: dict[
             what = "bytes that are not UTF-8" if "\ud800" <= chr(int(control[2:], 16)) <= "\udfff" else control
             problems[name] = f"{inputs.shown(path)}: the name of the file holds {what}; rename it"
         elif name in found:
-            problems[name] = f"{path}: clip {name} has a second file {found[name].name}; keep one"
+            problems[name] = f"{inputs.shown(path)}: clip {name} has a second file {found[name].name}; keep one"
         found[name] = path
     return found
 
@@ -232,12 +238,16 @@ def _pinned(tests: Sequence[str], names: Sequence[str], path: Path) -> dict[str,
         pinned = pins.get(test, pins.get(test.removesuffix(f"_{AGENT}")))
         pinned = [pinned] if isinstance(pinned, str) else pinned
         if not isinstance(pinned, list) or not pinned or not all(isinstance(name, str) for name in pinned):
-            raise ConfigError(f"{inputs.shown(path)}: test clip {test} is given no reference; add a line `{test}: reference clip`")
+            raise ConfigError(
+                f"{inputs.shown(path)}: test clip {test} is given no reference; add a line `{test}: reference clip`"
+            )
         hand = []
         for name in pinned:
             full = name if name in names else f"{name}_{AGENT}"
             if full not in names:
-                raise ConfigError(f"{inputs.shown(path)}: {inputs.shown(name)!r}, pinned to {test}, is no reference clip (missing or blacklisted)")
+                raise ConfigError(
+                    f"{inputs.shown(path)}: {inputs.shown(name)!r}, pinned to {test}, is no reference clip (missing or blacklisted)"
+                )
             hand.append(full)
         chosen[test] = tuple(dict.fromkeys(hand))
     return chosen

@@ -11,7 +11,7 @@ from pathlib import Path
 from gesturegen import inputs
 from gesturegen.errors import ConfigError, GesturegenError
 
-MOST_BYTES = 10_000_000
+MOST_BYTES = 1_000_000
 
 
 def read_rows(

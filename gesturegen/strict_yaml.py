@@ -52,9 +52,7 @@ def read_mapping(path: str | Path, hint: str) -> tuple[dict[str, Any], dict[tupl
     if document.value is None:
         return {}, {}
     if not isinstance(document.value, dict):
-        raise ConfigError(
-            f"{inputs.shown(path)}: expected `key: value` lines, found a {type(document.value).__name__}"
-        )
+        raise ConfigError(f"{inputs.shown(path)}: expected `key: value` lines, found a {type(document.value).__name__}")
     return document.value, document.lines
 
 

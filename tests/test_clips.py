@@ -110,7 +110,9 @@ def test_metadata_with_a_byte_order_mark_and_crlf(tmp_path):
 def test_metadata_without_its_columns_is_refused(tmp_path):
     files_side_by_side(tmp_path, "a.wav")
     metadata(tmp_path, "name,speaker\na,5\n")
-    with refused(DataError, literally(tmp_path / "metadata.csv", 1) + "column 'prefix' is missing; found .*name,speaker"):
+    with refused(
+        DataError, literally(tmp_path / "metadata.csv", 1) + "column 'prefix' is missing; found .*name,speaker"
+    ):
         recordings.list_recordings(tmp_path)
 
 

@@ -136,7 +136,11 @@ REFUSED = {
     "decimal for a count": ("\nfps: 29.97", 2, "fps: found 29.97, allowed: a valid integer"),
     "quoted count": ("seed: '1'", 1, 'seed: found "1", allowed: a valid integer'),
     "true for a count": ("seed: true", 1, "seed: found true, allowed: a valid integer"),
-    "no for a bool": ("feet:\n  lock: no", 2, r'feet\.lock: found "no", allowed: .* \(this is text; write true or false'),
+    "no for a bool": (
+        "feet:\n  lock: no",
+        2,
+        r'feet\.lock: found "no", allowed: .* \(this is text; write true or false',
+    ),
     "true for a name": ("data:\n  truth_split: true", 2, r"found true, allowed: a valid string \(put it in quotes\)"),
     "octal": ("seed: 010", 1, r'seed: found "010", allowed: a valid integer \(.* without a leading zero\)'),
     "sexagesimal": ("seed: 1:30", 1, r'seed: found "1:30", allowed: a valid integer \(.* write seconds as a decimal'),
@@ -408,7 +412,11 @@ def test_overrides_win_in_order(load):
         ("onsets.min_strength=1.0e-3", lambda c: c.onsets.min_strength, 1e-3),
         ("onsets.min_strength=1e-3", lambda c: c.onsets.min_strength, 1e-3),
         ("onsets.min_strength=+.5E+1", lambda c: c.onsets.min_strength, 5.0),
-        ("blacklist=[no, 010, 2020-01-02, 1:30, 0x1, 1_0, .inf, =, a\u00a0b]", lambda c: c.blacklist[:-1], ("no", "010", "2020-01-02", "1:30", "0x1", "1_0", ".inf", "=")),
+        (
+            "blacklist=[no, 010, 2020-01-02, 1:30, 0x1, 1_0, .inf, =, a\u00a0b]",
+            lambda c: c.blacklist[:-1],
+            ("no", "010", "2020-01-02", "1:30", "0x1", "1_0", ".inf", "="),
+        ),
     ],
 )
 def test_set_forms(override, get, value):

@@ -128,7 +128,9 @@ def _split(path: Path, text: str) -> tuple[list[str], str, int]:
         found = re.search(rf"^{marker}", text, re.MULTILINE) if marker in text else None
         if found:
             line = text.count("\n", 0, found.start()) + 1
-            raise DataError(f"{inputs.shown(path)}:{line}: merge conflict marker {marker!r}; resolve the conflict first")
+            raise DataError(
+                f"{inputs.shown(path)}:{line}: merge conflict marker {marker!r}; resolve the conflict first"
+            )
     found = re.search(r"^[ \t]*MOTION[ \t]*\r?$", text, re.MULTILINE)
     if not found:
         start = text.lstrip()[:9]
@@ -211,7 +213,7 @@ class _Hierarchy:
                 else:
                     raise self.fail(
                         number,
-                        f"unknown word {inputs.shown(word[:40])!r} in the hierarchy; expected JOINT, OFFSET, CHANNELS or End Site"
+                        f"unknown word {inputs.shown(word[:40])!r} in the hierarchy; expected JOINT, OFFSET, CHANNELS or End Site",
                     )
         if stack or pending != "none" or not self.names:
             raise self.fail(number, "the hierarchy ends before its braces close; the file is cut off or damaged")
@@ -318,7 +320,9 @@ def _read_frames(path: Path, body: str, line: int, skeleton: Skeleton) -> tuple[
         _find_bad_row(path, rows, first_line, skeleton, declared)
     if count != declared:
         what = "the file is cut off" if count < declared else "the count is wrong or two files were joined"
-        raise DataError(f"{inputs.shown(path)}:{frame_line}: `Frames: {declared}` but {count} rows of values follow; {what}")
+        raise DataError(
+            f"{inputs.shown(path)}:{frame_line}: `Frames: {declared}` but {count} rows of values follow; {what}"
+        )
     large = np.argwhere(np.abs(values) > _LARGEST_VALUE)
     if len(large):
         row, column = large[0]
@@ -348,9 +352,7 @@ def _frames_and_time(path: Path, body: str, line: int) -> tuple[int, int, float,
         found.append((inputs.shown("".join(value)[:30]), "".join(value), own))
     (shown, frames, frame_line), (shown_time, time, time_line) = found
     if not re.fullmatch("[0-9]{1,15}", frames) or int(frames) == 0:
-        raise DataError(
-            f"{inputs.shown(path)}:{frame_line}: `Frames: {shown}` is not a number of frames of at least 1"
-        )
+        raise DataError(f"{inputs.shown(path)}:{frame_line}: `Frames: {shown}` is not a number of frames of at least 1")
     frame_time = inputs.decimal(time)
     if frame_time is None or not _FRAME_TIMES[0] <= frame_time <= _FRAME_TIMES[1]:
         low, high = _FRAME_TIMES

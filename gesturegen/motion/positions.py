@@ -49,6 +49,8 @@ def read(path: str | Path) -> np.ndarray:
 
 def _read_array(path: str | Path, file: BinaryIO) -> np.ndarray:
     """The array as it is stored, after a look at its header alone."""
+    if file.read(4) != b"PK\x03\x04":
+        raise DataError(f"{inputs.shown(path)}: no .npz file; write it with numpy.savez")
     with zipfile.ZipFile(file) as archive:
         members = [member for member in archive.infolist() if member.filename == _NAME]
         if len(members) != 1:
@@ -80,7 +82,9 @@ def _read_array(path: str | Path, file: BinaryIO) -> np.ndarray:
             raw = stored.read(count * dtype.itemsize)
             # Reading on to the end of the part is what checks its sum.
             if len(raw) != count * dtype.itemsize or stored.read(1):
-                raise DataError(f"{inputs.shown(path)}: `positions` is not as long as its shape {shape} says; write it again")
+                raise DataError(
+                    f"{inputs.shown(path)}: `positions` is not as long as its shape {shape} says; write it again"
+                )
     array = np.frombuffer(raw, dtype).reshape(shape, order="F" if fortran else "C")
     # Floats of 16 bits and whole numbers are exact in 64; unlike astype of what is too large, this cannot warn.
     with np.errstate(all="ignore"):

@@ -139,14 +139,14 @@ def _load(config: Config, name: str, like: Reference | None) -> Reference:
         raise DataError(f"control.library: {config.control.library!r} is no folder; give the one that has {name}.bvh")
     path = folder / f"{name}.bvh"
     if not inputs.is_file(path):
-        known = sorted(one.stem for one in folder.glob("*.bvh"))
+        known = sorted(inputs.shown(one.stem) for one in folder.glob("*.bvh"))
         near = get_close_matches(name, known, n=1, cutoff=0.4)
         hint = f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(known) or 'no BVH file'}"
-        raise DataError(f"{path}: no such gesture; {hint}")
+        raise DataError(f"{inputs.shown(path)}: no such gesture; {hint}")
     gesture = _read(str(path), files.sha256(path), config.model_dump_json(by_alias=True))
     difference = like and gesture.motion.skeleton.difference(like.motion.skeleton)
     if difference:
-        raise DataError(f"{path}: not the skeleton of the references: {difference}; retarget it first")
+        raise DataError(f"{inputs.shown(path)}: not the skeleton of the references: {difference}; retarget it first")
     return gesture
 
 

@@ -25,10 +25,12 @@ def motion_files(config: Config, paths: Sequence[Path]) -> dict[str, Path]:
 def _of_path(path: Path) -> dict[str, Path]:
     if inputs.is_file(path):
         if path.suffix.lower() != ".bvh":
-            raise DataError(f"{path}: not a BVH file; give a file that ends in .bvh, or a folder of them")
+            raise DataError(f"{inputs.shown(path)}: not a BVH file; give a file that ends in .bvh, or a folder of them")
         return {path.stem: path}
     if not inputs.is_dir(path):
-        raise DataError(f"{inputs.shown(path)}: no such file or folder; run `gesturegen reenact` first, or give BVH files")
+        raise DataError(
+            f"{inputs.shown(path)}: no such file or folder; run `gesturegen reenact` first, or give BVH files"
+        )
     return folder_motions(path)
 
 
@@ -41,7 +43,7 @@ def folder_motions(folder: Path, arrays: bool = False) -> dict[str, Path]:
     if not found and arrays:
         found = {path.stem: path for path in sorted(folder.glob("*.npz"))}
     if not found:
-        raise DataError(f"{folder}: no BVH file in it")
+        raise DataError(f"{inputs.shown(folder)}: no BVH file in it")
     return found
 
 

@@ -91,9 +91,7 @@ def read_samples(path: str | Path) -> tuple[np.ndarray, int]:
                 _check_format(path, file)
                 return _read_mono(path, file, size), file.samplerate
         except OSError as error:
-            raise DataError(
-                f"{inputs.shown(path)}: cannot be read ({error.strerror}); {inputs.PERMISSIONS}"
-            ) from None
+            raise DataError(f"{inputs.shown(path)}: cannot be read ({error.strerror}); {inputs.PERMISSIONS}") from None
         except soundfile.SoundFileError as error:
             reason = inputs.shown(getattr(error, "error_string", error)).removeprefix("Error : ").rstrip(".")
             raise DataError(
@@ -135,7 +133,6 @@ def _read_mono(path: Path, file, size: int) -> np.ndarray:
     most = min(MOST_SECONDS * rate, (_ALWAYS_ALLOWED + _MOST_TIMES * size) // 4)
     blocks, count = [], 0
     while len(block := file.read(max(_BLOCK // file.channels, 1), dtype="float32", always_2d=True)):
-        mono = block.mean(axis=1, dtype=np.float32)
         # NaN is not less either.
         bad = np.flatnonzero(~(np.abs(block).max(axis=1) < _LARGEST_SAMPLE))
         if len(bad):
@@ -143,8 +140,8 @@ def _read_mono(path: Path, file, size: int) -> np.ndarray:
                 f"{inputs.shown(path)}: the sample at {(count + bad[0]) / rate:.3f} s is not a finite number "
                 f"below {_LARGEST_SAMPLE:.2g}; export the audio again"
             )
-        blocks.append(mono)
-        count += len(mono)
+        blocks.append(block.mean(axis=1, dtype=np.float32))
+        count += len(block)
         if count > most:
             raise DataError(
                 f"{inputs.shown(path)}: over {most / rate:,.0f} s of audio in {size / 1e6:,.1f} MB; at most "
@@ -153,9 +150,7 @@ def _read_mono(path: Path, file, size: int) -> np.ndarray:
     if count == 0:
         raise DataError(f"{inputs.shown(path)}: holds no audio (0 s); record or copy it again")
     if known and count < file.frames:
-        raise DataError(
-            f"{inputs.shown(path)}: the file is cut off: {count} of {file.frames} samples; copy it again"
-        )
+        raise DataError(f"{inputs.shown(path)}: the file is cut off: {count} of {file.frames} samples; copy it again")
     return np.concatenate(blocks)
 
 

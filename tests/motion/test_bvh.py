@@ -399,7 +399,11 @@ BROKEN = {
     "joint name twice": (edited("JOINT lower", "JOINT upper"), 6, "joint name 'upper' stands twice"),
     "joint without a name": (edited("JOINT lower", "JOINT"), 6, "JOINT without a name"),
     "brace missing at the end": (edited("}\nMOTION", "MOTION"), 14, "ends before its braces close"),
-    "brace missing at the start": (edited("JOINT lower\n\t{\n", "JOINT lower\n"), 7, "a second OFFSET of joint 'upper'"),
+    "brace missing at the start": (
+        edited("JOINT lower\n\t{\n", "JOINT lower\n"),
+        7,
+        "a second OFFSET of joint 'upper'",
+    ),
     "a second CHANNELS": (
         edited("\tJOINT", "\tCHANNELS 1 Xrotation\n\tJOINT"),
         6,
@@ -416,11 +420,17 @@ BROKEN = {
         "more than 200 levels",
     ),
     "thousands of joints": (
-        "HIERARCHY\nROOT r\n{\nOFFSET 0 0 0\n" + "".join(f"JOINT j{n} {{ OFFSET 0 0 0 }}\n" for n in range(3000)) + "}\nMOTION\n",
+        "HIERARCHY\nROOT r\n{\nOFFSET 0 0 0\n"
+        + "".join(f"JOINT j{n} {{ OFFSET 0 0 0 }}\n" for n in range(3000))
+        + "}\nMOTION\n",
         1004,
         "more than 1000 joints",
     ),
-    "a name that steers a terminal": (edited("JOINT lower", "JOINT lo\x1b[2Jwer"), 6, r"the joint name 'lo\\\\x1b\[2Jwer' holds a"),
+    "a name that steers a terminal": (
+        edited("JOINT lower", "JOINT lo\x1b[2Jwer"),
+        6,
+        r"the joint name 'lo\\\\x1b\[2Jwer' holds a",
+    ),
     "a name without end": (edited("JOINT lower", "JOINT " + "a" * 300), 6, "longer than 200 characters"),
     "frames in Arabic": (bvh_text(frames="٣"), 17, "is not a number of frames"),
     "brace too many": (edited("}\nMOTION", "}\n}\nMOTION"), 16, "one closing brace too many"),

@@ -340,8 +340,14 @@ REFUSED = {
     "100 channels": (lambda path: write_audio(path, np.zeros((50, 100))), "100 channels, at most 64 are read"),
     "two data chunks": (lambda path: with_chunks(path, after=b"data\4\0\0\0abcd"), "a second data chunk"),
     "empty chunks": (lambda path: with_chunks(path, before=b"note\0\0\0\0" * 2000), "cut off before its audio"),
-    "sizes cut off": (lambda path: path.write_bytes(b"RF64\xff\xff\xff\xffWAVEds64\x1c\0\0\0abc"), "cut off before its audio"),
-    "large samples": (lambda path: write_wav(path, with_nan(4000, 1e38)), r"sample at 0\.250 s is not a finite .* 4\.3e\+09"),
+    "sizes cut off": (
+        lambda path: path.write_bytes(b"RF64\xff\xff\xff\xffWAVEds64\x1c\0\0\0abc"),
+        "cut off before its audio",
+    ),
+    "large samples": (
+        lambda path: write_wav(path, with_nan(4000, 1e38)),
+        r"sample at 0\.250 s is not a finite .* 4\.3e\+09",
+    ),
     "empty": (lambda path: path.write_bytes(b""), "the file is empty"),
     "text": (lambda path: path.write_text("This is no sound at all.\n"), "no audio file"),
     "LFS pointer": (lambda path: path.write_text("version https://git-lfs.github.com/spec/v1\n"), "Git LFS pointer"),
