@@ -6,7 +6,7 @@ BIN = $(VENV)/bin
 GESTUREGEN = $(BIN)/gesturegen
 FLAGS = $(if $(JOBS),-j $(JOBS))
 
-.PHONY: help install demo ablation test test-slow challenge challenge-demo lint bench clean
+.PHONY: help install demo ablation test test-slow fuzz challenge challenge-demo lint bench clean
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -51,6 +51,10 @@ test-slow: install  ## the tests that take longer
 
 # A clip that fails must not keep the others from the table and the report; the exit code still tells.
 FULL_CHALLENGE = status=0; for command in run ablate report; do $(GESTUREGEN) $$command $(1) $(FLAGS) || status=$$?; done; exit $$status
+
+fuzz: install  ## 20,000 damaged and 20,000 made-up inputs for each reader
+	GESTUREGEN_FUZZ_EXAMPLES=20000 $(BIN)/python -m pytest tests/fuzz -q -rA -n auto
+	PYTHONPATH=. $(BIN)/python scripts/fuzz_coverage.py --runs 20000
 
 challenge: install  ## the full challenge: make challenge DATA=genea WORK=out
 	@test -n '$(DATA)' -a -n '$(WORK)' || { echo 'give the folders: make challenge DATA=genea WORK=out'; exit 2; }

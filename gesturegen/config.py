@@ -21,7 +21,7 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from gesturegen import strict_csv, strict_yaml
+from gesturegen import inputs, strict_csv, strict_yaml
 from gesturegen.errors import ConfigError
 
 Positive = Annotated[float, Field(gt=0)]
@@ -36,6 +36,10 @@ GENEA_JOINTS = (
     "b_l_shoulder", "b_l_arm", "b_l_arm_twist", "b_l_forearm", "b_l_wrist_twist", "b_l_wrist",
     "b_l_upleg", "b_l_leg", "b_l_foot",
 )  # fmt: skip
+
+
+# Of one file that are told; each takes a look for the nearest name.
+_MOST_MISTAKES = 20
 
 
 class _Section(BaseModel):
@@ -252,8 +256,9 @@ class KeywordGesture(_Section):
 class Schedule(_Section):
     """What a control file holds: what is demanded of the hands, and which gestures are to be shown."""
 
-    conditions: tuple[Condition, ...] = ()
-    gestures: tuple[KeywordGesture, ...] = ()
+    # Each is compared with each other.
+    conditions: Annotated[tuple[Condition, ...], Field(max_length=1000)] = ()
+    gestures: Annotated[tuple[KeywordGesture, ...], Field(max_length=1000)] = ()
 
     @field_validator("conditions")
     @classmethod
@@ -268,6 +273,8 @@ class Schedule(_Section):
                     {"first": first + 1, "second": second + 1, "time": time_text(*time)},
                 )
                 mistakes.append({"type": problem, "loc": (second,), "input": None})
+                if len(mistakes) > _MOST_MISTAKES:
+                    break
         if mistakes:
             # Unlike a ValueError, this says which condition it is, and so in which line.
             raise ValidationError.from_exception_data(cls.__name__, mistakes)
@@ -715,12 +722,14 @@ def load_config(
     values: dict[str, Any] = {}
     lines: dict[tuple, int] = {}
     if path is not None:
-        origin = str(path)
+        origin = inputs.shown(path)
         values, lines = strict_yaml.read_mapping(path, "give an existing file with --config")
     set_keys = set()
     for override in overrides:
         set_keys.add(_apply_override(values, override))
     for key, folder in (folders or {}).items():
+        if (control := inputs.control_character(folder)) is not None:
+            raise ConfigError(f"{inputs.shown(folder)}: the name holds {control}; rename the folder ({key})")
         section, name = key.split(".")
         if values.get(section) is None:
             values[section] = {}
@@ -741,7 +750,7 @@ def layer_config(base: Config, path: str | Path) -> Config:
             values["gesture_master"][section][rows] = None
     if "file" in _section(changes, "control"):
         values["control"] |= {"conditions": [], "gestures": []}
-    return _with_files(_validated(Config, _merged(values, changes), str(path), lines), Path(path).parent)
+    return _with_files(_validated(Config, _merged(values, changes), inputs.shown(path), lines), Path(path).parent)
 
 
 def _section(values: dict, name: str) -> dict:
@@ -762,7 +771,7 @@ def _merged(values: dict, changes: dict) -> dict:
 def load_ablation(path: str | Path) -> tuple[Ablation, dict[tuple, int]]:
     """An ablation file and the line of each of its keys; ConfigError as by `load_config`."""
     values, lines = strict_yaml.read_mapping(path, "give an existing ablation file with --config")
-    return _validated(Ablation, values, str(path), lines), lines
+    return _validated(Ablation, values, inputs.shown(path), lines), lines
 
 
 def _validated(
@@ -772,23 +781,27 @@ def _validated(
         return model.model_validate_json(json.dumps(values, default=str))
     except ValidationError as error:
         problems = [problem for problem in error.errors() if not _of_other_member(problem)]
-        mistakes = [_describe(problem, model, origin, lines, set_keys) for problem in problems]
+        mistakes = [_describe(problem, model, origin, lines, set_keys) for problem in problems[:_MOST_MISTAKES]]
+        if len(problems) > _MOST_MISTAKES:
+            mistakes.append(f"{origin}: and {len(problems) - _MOST_MISTAKES} more")
         raise ConfigError("\n".join(dict.fromkeys(mistakes))) from None
 
 
 def _apply_override(values: dict, override: str) -> tuple:
     key, equals, text = override.partition("=")
     if not equals or not key.strip():
-        raise ConfigError(f"--set {override!r}: expected key=value, such as continuity.l_pn=1")
-    value = strict_yaml.parse(text, f"--set {override}")
+        raise ConfigError(f"--set {_brief(override)}: expected key=value, such as continuity.l_pn=1")
+    value = strict_yaml.parse(text, f"--set {override if len(override) <= 80 else override[:77] + '...'}")
     parts = tuple(key.strip().split("."))
+    if len(parts) > strict_yaml.MOST_LEVELS or inputs.control_character(key):
+        raise ConfigError(f"--set {_brief(override)}: no such key; expected key=value, such as continuity.l_pn=1")
     place = values
     for part in parts[:-1]:
         if place.get(part) is None:
             place[part] = {}
         place = place[part]
         if not isinstance(place, dict):
-            raise ConfigError(f"--set {override!r}: {part!r} is no section")
+            raise ConfigError(f"--set {_brief(override)}: {inputs.shown(part)!r} is no section")
     place[parts[-1]] = value
     return parts
 
@@ -817,9 +830,9 @@ def _describe(
     name = ".".join(str(part) for part in key) or "the whole file"
     if problem["type"] == "extra_forbidden":
         allowed = _keys_beside(key, top)
-        near = get_close_matches(str(key[-1]), allowed, n=1, cutoff=0.5)
+        near = get_close_matches(str(key[-1])[:100], allowed, n=1, cutoff=0.5)
         hint = f"did you mean {near[0]!r}?" if near else f"allowed here: {', '.join(allowed)}"
-        return f"{where}: unknown key {name!r}; {hint}"
+        return f"{where}: unknown key {inputs.shown(name)!r}; {hint}"
     if problem["type"] == "missing":
         return f"{where}: {name}: missing; add this key"
     found, allowed = problem["input"], _allowed(problem["msg"])
@@ -827,7 +840,7 @@ def _describe(
         return f"{where}: {name}: {allowed}"
     if key == ("joints",):
         allowed = "'all' or a list of joint names"
-    return f"{where}: {name}: found {_brief(found)}, allowed: {allowed}{_hint(found)}"
+    return f"{where}: {name}: found {_brief(found)}, allowed: {allowed}{_hint(found, problem['type'])}"
 
 
 def _allowed(message: str) -> str:
@@ -838,24 +851,17 @@ def _allowed(message: str) -> str:
 
 
 def _brief(found: Any) -> str:
-    text = json.dumps(found, ensure_ascii=False)
+    text = inputs.shown(json.dumps(found, ensure_ascii=False))
     return text if len(text) <= 80 else text[:77] + "..."
 
 
-def _hint(found: Any) -> str:
-    if isinstance(found, str) and _is_number(found):
-        if "e" in found.lower():
-            return f" (YAML reads {found} as text; write it with a decimal point, as in 1.0e-3)"
-        return " (this is text; write the number without quotes)"
-    return ""
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+def _hint(found: Any, problem: str) -> str:
+    """What is meant, perhaps, by a text that other readers of YAML take for a number or for a bool."""
+    if problem == "string_type" and isinstance(found, (bool, int, float)):
+        return " (put it in quotes)"
+    if not isinstance(found, str) or not problem.startswith(("int_", "float_", "bool_", "bound")):
+        return ""
+    return next((f" ({hint})" for pattern, hint in _HINTS if pattern.fullmatch(found)), "")
 
 
 def _keys_beside(key: tuple, top: type[_Section]) -> list[str]:
@@ -874,6 +880,20 @@ def _section_within(annotation: Any) -> Any:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     return next(filter(None, map(_section_within, get_args(annotation))), None)
+
+
+_HINTS = tuple(
+    (re.compile(pattern, re.I), hint)
+    for pattern, hint in (
+        (r"[-+]?0[0-9]+(\.[0-9]*)?", "this is text; write the number without a leading zero"),
+        (r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[-+]?[0-9]+)?", "this is text; write the number without quotes"),
+        (r"[-+]?[0-9][0-9,_']*(\.[0-9_]*)?", "this is text; write the number with digits and a decimal point alone"),
+        (r"[-+]?[0-9]+(:[0-9]+)+(\.[0-9]*)?", "this is text; write seconds as a decimal number"),
+        (r"0x[0-9a-f]+|0o[0-7]+|0b[01]+", "this is text; write a decimal number"),
+        (r"[-+]?\.?inf(inity)?|\.?nan", "this is text; write a finite number"),
+        (r"yes|no|on|off|y|n|true|false", "this is text; write true or false, without quotes"),
+    )
+)
 
 
 # Sections of `gesture_master` with a list that may be kept in a CSV file: section, key of the file, key of the list.
@@ -897,9 +917,11 @@ def _with_files(config: Config, folder: Path | None) -> Config:
 def _beside(name: str, folder: Path | None, key: str) -> Path:
     """A file named in a config: beside the config, or by its path."""
     places = [place / name for place in ([folder] if folder else []) + [Path()]]
-    path = next((place for place in places if place.is_file()), None)
+    path = next((place for place in places if inputs.is_file(place)), None)
     if path is None:
-        raise ConfigError(f"{key}: {name!r} does not exist (looked at {', '.join(map(str, places))})")
+        raise ConfigError(
+            f"{key}: {inputs.shown(name)!r} does not exist (looked at {', '.join(map(inputs.shown, places))})"
+        )
     return path
 
 
@@ -916,7 +938,7 @@ def _read_list(path: Path, model: type[_Section], settings: _Section, rows: str)
             problem = error.errors()[0]
             key, allowed = ".".join(map(str, problem["loc"])), _allowed(problem["msg"])
             wrong = f"{key}: found {_brief(problem['input'])}, allowed: {allowed}" if key else allowed
-            raise ConfigError(f"{path}:{line}: {wrong}") from None
+            raise ConfigError(f"{inputs.shown(path)}:{line}: {wrong}") from None
     return tuple(found)
 
 
@@ -926,16 +948,17 @@ def _with_keywords(config: Config, folder: Path | None) -> Config:
         return config.model_copy(update={"keywords": Keywords(file=config.keywords.file, words=words)})
     name = config.keywords.file or "keywords.yaml"
     places = [*([folder] if folder else []), Path(), configs_folder()]
-    path = next((place / name for place in places if (place / name).is_file()), None)
+    path = next((place / name for place in places if inputs.is_file(place / name)), None)
     if path is None:
-        tried = ", ".join(str(place / name) for place in places)
-        raise ConfigError(f"keywords.file: {name!r} does not exist (looked at {tried})")
+        tried = ", ".join(inputs.shown(place / name) for place in places)
+        raise ConfigError(f"keywords.file: {inputs.shown(name)!r} does not exist (looked at {tried})")
     words = strict_yaml.read(path)
     if not isinstance(words, dict) or not all(isinstance(value, str) for value in words.values()):
         raise ConfigError(
-            f"{path}: expected `word: keyword` lines with text on both sides; put words such as no and on in quotes"
+            f"{inputs.shown(path)}: expected `word: keyword` lines with text on both sides; "
+            "put words such as true and null in quotes"
         )
-    words = _lower_cased(words, str(path))
+    words = _lower_cased(words, inputs.shown(path))
     return config.model_copy(update={"keywords": Keywords(file=config.keywords.file, words=words)})
 
 
@@ -946,11 +969,12 @@ def _with_control(config: Config, folder: Path | None) -> Config:
         return config
     path = _beside(control.file, folder, "control.file")
     values, lines = strict_yaml.read_mapping(path, "check control.file")
-    schedule = _validated(Schedule, values, str(path), lines)
+    origin = inputs.shown(path)
+    schedule = _validated(Schedule, values, origin, lines)
     if not (schedule.conditions or schedule.gestures):
-        raise ConfigError(f"{path}: neither conditions nor gestures in it; add some, or leave out control.file")
+        raise ConfigError(f"{origin}: neither conditions nor gestures in it; add some, or leave out control.file")
     if schedule.conditions and not config.controls:
-        raise ConfigError(f"{path}: conditions: {_NO_CONTROL}")
+        raise ConfigError(f"{origin}: conditions: {_NO_CONTROL}")
     return config.model_copy(update={"control": control.model_copy(update=dict(schedule))})
 
 
@@ -959,7 +983,7 @@ def _lower_cased(words: Mapping[str, str], where: str) -> dict[str, str]:
     lower: dict[str, str] = {}
     for word, keyword in sorted(words.items()):
         if not word.strip() or len(word.split()) != 1:
-            raise ConfigError(f"{where}: {word!r} is not one word, so no transcript can match it")
+            raise ConfigError(f"{where}: {inputs.shown(word)!r} is not one word, so no transcript can match it")
         if lower.setdefault(word.lower(), keyword) != keyword:
-            raise ConfigError(f"{where}: {word!r} stands twice with different keywords; keep one")
+            raise ConfigError(f"{where}: {inputs.shown(word)!r} stands twice with different keywords; keep one")
     return lower

@@ -17,6 +17,7 @@ import click
 
 from gesturegen import supervision
 from gesturegen.errors import GesturegenError
+from gesturegen.inputs import shown
 from gesturegen.parallel import default_jobs, describe_bugs
 
 if TYPE_CHECKING:
@@ -143,7 +144,7 @@ def run_and_print(
         summary = work(pipeline)
     if not quiet:
         for clip, note in summary.warnings[:_MOST_WARNINGS]:
-            click.echo(f"warning: {clip}: {note}", err=True)
+            click.echo(f"warning: {shown(clip)}: {note}", err=True)
         if len(summary.warnings) > _MOST_WARNINGS:
             click.echo(f"warning: and {len(summary.warnings) - _MOST_WARNINGS} more", err=True)
         for line in summary.lines:
@@ -156,7 +157,7 @@ def run_and_print(
             click.echo(text, err=True)
     for clip, error in outcome.errors.items():
         for line in error.splitlines():
-            click.echo(f"error: {clip}: {line}", err=True)
+            click.echo(f"error: {shown(clip)}: {line}", err=True)
     if outcome.failed:
         click.echo(f"error: {outcome.failed} of {outcome.failed + len(outcome.done)} failed", err=True)
         sys.exit(1)

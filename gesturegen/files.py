@@ -17,6 +17,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from gesturegen import inputs
 from gesturegen.errors import DataError
 
 # Names of files that are not yet whole. Without the final name, which may be as long as a name can be.
@@ -189,7 +190,7 @@ def _header(file: BinaryIO, member: zipfile.ZipInfo) -> tuple[tuple[int, ...], b
 def sha256(path: str | Path) -> str:
     """The hash of a file's bytes, in hexadecimal; DataError when it cannot be read."""
     try:
-        with open(path, "rb") as file:
+        with inputs.open_regular(path, hint="run the command that writes it") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror}); run the command that writes it") from None

@@ -14,6 +14,7 @@ from typing import Any
 
 from gesturegen import supervision
 from gesturegen.errors import GesturegenError
+from gesturegen.inputs import shown
 
 
 @dataclass
@@ -70,8 +71,8 @@ def describe_bugs(bugs: Mapping[str, str]) -> list[str]:
     if not bugs:
         return []
     (clip, trace), *others = sorted(bugs.items())
-    more = [f"bug: {len(others)} clips more met with a bug, such as {others[0][0]}"] if others else []
-    return [f"{trace}bug: {clip}: this is a fault of gesturegen; please report the lines above", *more]
+    more = [f"bug: {len(others)} clips more met with a bug, such as {shown(others[0][0])}"] if others else []
+    return [f"{trace}bug: {shown(clip)}: this is a fault of gesturegen; please report the lines above", *more]
 
 
 def _here(tasks: Mapping[str, Callable[[], tuple[str, Any]]]) -> Iterator[tuple[str, str, Any]]:

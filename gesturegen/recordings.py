@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from gesturegen import strict_yaml
+from gesturegen import inputs, strict_csv, strict_yaml
 from gesturegen.config import Config
 from gesturegen.errors import ConfigError, DataError
 from gesturegen.randomness import generator
@@ -37,10 +37,14 @@ def reference_recordings(config: Config) -> list[Recording]:
     folder = _reference_folder(config)
     found = [recording for recording in list_recordings(folder) if recording.motion_path]
     if not found:
-        raise DataError(f"{folder}: no BVH file in it; expected GENEA's {AGENT}/bvh, or BVH and WAV files side by side")
+        raise DataError(
+            f"{inputs.shown(folder)}: no BVH file in it; expected GENEA's {AGENT}/bvh, or BVH and WAV files side by side"
+        )
     left = [recording for recording in found if not is_listed(recording.name, config.blacklist)]
     if not left:
-        raise DataError(f"{folder}: no reference is left of {len(found)} after the blacklist; shorten `blacklist`")
+        raise DataError(
+            f"{inputs.shown(folder)}: no reference is left of {len(found)} after the blacklist; shorten `blacklist`"
+        )
     return left
 
 
@@ -63,7 +67,9 @@ def test_recordings(config: Config) -> list[Recording]:
     folder = _test_folder(config)
     found = [recording for recording in list_recordings(folder) if recording.audio_path or recording.transcript_path]
     if not found:
-        raise DataError(f"{folder}: no audio file in it; expected GENEA's {AGENT}/wav, or WAV, FLAC or OGG files")
+        raise DataError(
+            f"{inputs.shown(folder)}: no audio file in it; expected GENEA's {AGENT}/wav, or WAV, FLAC or OGG files"
+        )
     return found
 
 
@@ -77,16 +83,16 @@ def _test_folder(config: Config) -> Path:
 
 def _folder(chosen: str | None, data: str, split: str, what: str) -> Path:
     folder = Path(chosen) if chosen is not None else Path(data) / split
-    if not folder.is_dir():
+    if not inputs.is_dir(folder):
         key = f"data.{what}s" if chosen is not None else f"paths.data and data.{what}_split"
-        raise DataError(f"{folder}: no such folder of {what} clips; check {key}")
+        raise DataError(f"{inputs.shown(folder)}: no such folder of {what} clips; check {key}")
     return folder
 
 
 def list_recordings(folder: str | Path) -> list[Recording]:
     """All recordings of a folder, sorted by name: GENEA's layout, `bvh`/`wav`/`tsv` folders, or files side by side."""
     folder = Path(folder)
-    agent = folder / AGENT if (folder / AGENT).is_dir() else folder
+    agent = folder / AGENT if inputs.is_dir(folder / AGENT) else folder
     problems: dict[str, str] = {}
     motions = _stems(agent, "bvh", (".bvh",), problems)
     audios = _stems(agent, "wav", audio.EXTENSIONS, problems)
@@ -105,27 +111,43 @@ def list_recordings(folder: str | Path) -> list[Recording]:
 def _stems(folder: Path, kind: str, extensions: tuple[str, ...], problems: dict[str, str]) -> dict[str, Path]:
     """Files of one kind by clip name; a clip with two of them is noted in `problems`."""
     inside = folder / kind
-    paths = sorted((inside if inside.is_dir() else folder).iterdir())
+    try:
+        paths = sorted((inside if inputs.is_dir(inside) else folder).iterdir())
+    except OSError as error:
+        raise DataError(
+            f"{inputs.shown(error.filename or folder)}: cannot be listed ({error.strerror}); {inputs.PERMISSIONS}"
+        ) from None
     found: dict[str, Path] = {}
     for path in paths:
-        if path.suffix.lower() in extensions and not path.name.startswith("."):
-            if path.stem in found:
-                problems[path.stem] = f"{path}: clip {path.stem} has a second file {found[path.stem].name}; keep one"
-            found[path.stem] = path
+        if path.suffix.lower() not in extensions or path.name.startswith("."):
+            continue
+        name = inputs.shown(path.stem)
+        if (control := inputs.control_character(path.name)) is not None:
+            what = "bytes that are not UTF-8" if "\ud800" <= chr(int(control[2:], 16)) <= "\udfff" else control
+            problems[name] = f"{inputs.shown(path)}: the name of the file holds {what}; rename it"
+        elif name in found:
+            problems[name] = f"{inputs.shown(path)}: clip {name} has a second file {found[name].name}; keep one"
+        found[name] = path
     return found
 
 
 def _speakers(path: Path) -> dict[str, str]:
-    if not path.is_file():
+    """The speaker of each recording that `metadata.csv` tells of; none where there is no such file."""
+    if not os.path.lexists(path):
         return {}
-    with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
-        rows = csv.DictReader(file, skipinitialspace=True)
-        wanted = ("prefix", f"{AGENT}_id")
-        if not rows.fieldnames or not set(wanted) <= set(rows.fieldnames):
+    wanted = {"prefix": False, f"{AGENT}_id": False}
+    speakers: dict[str, str] = {}
+    lines: dict[str, int] = {}
+    for line, row in strict_csv.read_rows(path, wanted, inputs.PERMISSIONS, others=True, error=DataError):
+        prefix, speaker = (row[name] for name in wanted)
+        if not prefix or not speaker:
+            continue
+        if prefix in lines:
             raise DataError(
-                f"{path}:1: expected the columns {', '.join(wanted)}, found {', '.join(rows.fieldnames or [])}"
+                f"{inputs.shown(path)}:{line}: {prefix!r} stands twice, first in line {lines[prefix]}; keep one of the lines"
             )
-        return {row[wanted[0]]: row[wanted[1]] for row in rows if row[wanted[0]] and row[wanted[1]]}
+        speakers[prefix], lines[prefix] = speaker, line
+    return speakers
 
 
 def is_listed(name: str, patterns: Sequence[str]) -> bool:
@@ -210,18 +232,22 @@ def _of_speaker(test: str, speaker: str | None, references: Mapping[str, str | N
 def _pinned(tests: Sequence[str], names: Sequence[str], path: Path) -> dict[str, tuple[str, ...]]:
     pins = strict_yaml.read(path, "check references.list")
     if not isinstance(pins, dict):
-        raise ConfigError(f"{path}: expected `test clip: reference clip` lines")
+        raise ConfigError(f"{inputs.shown(path)}: expected `test clip: reference clip` lines")
     chosen = {}
     for test in sorted(tests):
         pinned = pins.get(test, pins.get(test.removesuffix(f"_{AGENT}")))
         pinned = [pinned] if isinstance(pinned, str) else pinned
         if not isinstance(pinned, list) or not pinned or not all(isinstance(name, str) for name in pinned):
-            raise ConfigError(f"{path}: test clip {test} is given no reference; add a line `{test}: reference clip`")
+            raise ConfigError(
+                f"{inputs.shown(path)}: test clip {test} is given no reference; add a line `{test}: reference clip`"
+            )
         hand = []
         for name in pinned:
             full = name if name in names else f"{name}_{AGENT}"
             if full not in names:
-                raise ConfigError(f"{path}: {name!r}, pinned to {test}, is no reference clip (missing or blacklisted)")
+                raise ConfigError(
+                    f"{inputs.shown(path)}: {inputs.shown(name)!r}, pinned to {test}, is no reference clip (missing or blacklisted)"
+                )
             hand.append(full)
         chosen[test] = tuple(dict.fromkeys(hand))
     return chosen
@@ -232,7 +258,7 @@ def true_motions(config: Config, tests: Mapping[str, Recording]) -> dict[str, Pa
     found = {name: recording.motion_path for name, recording in tests.items() if recording.motion_path}
     if config.data.truth_split is not None:
         folder = Path(config.paths.data) / config.data.truth_split
-        if not folder.is_dir():
-            raise DataError(f"{folder}: no such folder of true motion; check data.truth_split")
+        if not inputs.is_dir(folder):
+            raise DataError(f"{inputs.shown(folder)}: no such folder of true motion; check data.truth_split")
         found |= {r.name: r.motion_path for r in list_recordings(folder) if r.motion_path and r.name in tests}
     return found

@@ -9,6 +9,7 @@ PACKAGE = Path(__file__).parent.parent / "gesturegen"
 # From the top down; rooms in one row may not import each other, except inside a package.
 ROOMS = [
     {"errors", "supervision"},
+    {"inputs"},
     {"extras", "files", "randomness", "runs", "strict_csv", "strict_yaml"},
     {"workspace", "stored"},
     {"workers"},

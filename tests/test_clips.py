@@ -1,5 +1,7 @@
+import os
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -102,21 +104,70 @@ def test_speakers_come_from_metadata_whatever_it_says_of_fingers(tmp_path, finge
 
 def test_metadata_with_a_byte_order_mark_and_crlf(tmp_path):
     files_side_by_side(tmp_path, "a.wav")
-    (tmp_path / "metadata.csv").write_bytes(b"\xef\xbb\xbfprefix,main-agent_id\r\na,5\r\n\r\nb\r\n")
+    (tmp_path / "metadata.csv").write_bytes(b"\xef\xbb\xbfprefix,main-agent_id\r\na,5\r\n\r\nb,\r\n")
     assert recordings.list_recordings(tmp_path)[0].speaker == "5"
 
 
 def test_metadata_without_its_columns_is_refused(tmp_path):
     files_side_by_side(tmp_path, "a.wav")
     metadata(tmp_path, "name,speaker\na,5\n")
-    with refused(DataError, literally(tmp_path / "metadata.csv", 1) + "expected .*prefix, main-agent_id, found name"):
+    with refused(
+        DataError, literally(tmp_path / "metadata.csv", 1) + "column 'prefix' is missing; found .*name,speaker"
+    ):
         recordings.list_recordings(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("rows", "line", "match"),
+    [
+        ('a,"5\nb,6\n', 3, "not valid CSV .*check the quotes"),
+        ("a,5\nb,6\na ,7\n", 4, "'a' stands twice, first in line 2; keep one of the lines"),
+        ("a,5\na,5\n", 3, "'a' stands twice, first in line 2"),
+        ("a,5\n=======\nb,5\n", 3, "merge conflict marker"),
+        ("a\n", 2, "found 1 cells, expected 2"),
+        ("a,\x85\n", 2, "not a text file in UTF-8"),
+        ("ä,\x07\n", 2, "a cell holds .*control character"),
+    ],
+)
+def test_metadata_that_loses_rows_is_refused(tmp_path, rows, line, match):
+    encoding = "latin-1" if "\x85" in rows else "utf-8"
+    (tmp_path / "metadata.csv").write_bytes(("prefix,main-agent_id\n" + rows).encode(encoding))
+    with refused(DataError, literally(tmp_path / "metadata.csv", line) + match):
+        recordings.list_recordings(tmp_path)
+
+
+def test_spaces_around_speakers_make_no_others(tmp_path):
+    files_side_by_side(tmp_path, "a.wav", "b.wav")
+    metadata(tmp_path, "prefix,main-agent_id\na,1 \n b,1\n")
+    assert {recording.speaker for recording in recordings.list_recordings(tmp_path)} == {"1"}
+
+
+def test_metadata_that_is_no_file_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "metadata.csv")
+    with refused(DataError, "it is a pipe, not a file", tmp_path / "metadata.csv"):
+        recordings.list_recordings(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "shown", "what"),
+    [
+        (b"a\nb.wav", r"a\nb", r"U\+000A"),
+        (b"\xff.wav", r"\udcff", "bytes that are not UTF-8"),
+        ("a\u2028b.wav".encode(), r"a\u2028b", r"U\+2028"),
+    ],
+)
+def test_names_that_no_line_can_hold_are_refused_and_harm_no_other(tmp_path, name, shown, what):
+    files_side_by_side(tmp_path, "b.wav")
+    (Path(os.fsdecode(os.fsencode(tmp_path) + b"/" + name))).write_bytes(b"")
+    found = {recording.name: recording.problem for recording in recordings.list_recordings(tmp_path)}
+    assert found.pop("b") is None and list(found) == [shown]
+    assert re.search(f"the name of the file holds {what}; rename it$", found[shown]) and found[shown].isprintable()
 
 
 def test_an_empty_metadata_file_is_refused(tmp_path):
     files_side_by_side(tmp_path, "a.wav")
     metadata(tmp_path, "")
-    with refused(DataError, "expected the columns", tmp_path / "metadata.csv"):
+    with refused(DataError, "expected a header line with the columns prefix, main-agent_id", tmp_path / "metadata.csv"):
         recordings.list_recordings(tmp_path)
 
 

@@ -136,8 +136,30 @@ REFUSED = {
     "decimal for a count": ("\nfps: 29.97", 2, "fps: found 29.97, allowed: a valid integer"),
     "quoted count": ("seed: '1'", 1, 'seed: found "1", allowed: a valid integer'),
     "true for a count": ("seed: true", 1, "seed: found true, allowed: a valid integer"),
-    "1e-3": ("onsets:\n  min_strength: 1e-3", 2, r"found \"1e-3\".*YAML reads 1e-3 as text; write .* 1\.0e-3"),
-    "no for a name": ("data:\n  truth_split: no", 2, r"data\.truth_split: found false, allowed: a valid string"),
+    "no for a bool": (
+        "feet:\n  lock: no",
+        2,
+        r'feet\.lock: found "no", allowed: .* \(this is text; write true or false',
+    ),
+    "true for a name": ("data:\n  truth_split: true", 2, r"found true, allowed: a valid string \(put it in quotes\)"),
+    "octal": ("seed: 010", 1, r'seed: found "010", allowed: a valid integer \(.* without a leading zero\)'),
+    "sexagesimal": ("seed: 1:30", 1, r'seed: found "1:30", allowed: a valid integer \(.* write seconds as a decimal'),
+    "hexadecimal": ("seed: 0x1F", 1, r'seed: found "0x1F", allowed: a valid integer \(.* write a decimal number\)'),
+    "underscores": ("seed: 1_000", 1, r'seed: found "1_000", allowed: a valid integer \(.* digits'),
+    "no date": ("fps: 30\nblacklist: {a: 2020-13-45}", 2, "blacklist: found .*2020-13-45.*, allowed: a list"),
+    "a long number": (f"fps: 30\nseed: {'9' * 4300}", 2, "seed: a number of 4,300 digits, at most 18 are read"),
+    "a large number": ("onsets: {min_strength: 1e999}", 1, r"onsets\.min_strength: 1e999 is too large"),
+    "a tag": ("fps: 30\nseed: !!int '3'", 2, r"seed: the tag tag:yaml\.org,2002:int is not read"),
+    "an own tag": ("seed: !x 3", 1, "seed: the tag !x is not read"),
+    "an anchor": ("fps: &a 30", 1, "fps: `&a`: anchors and aliases are not read"),
+    "an alias": ("fps: *a", 1, r"fps: `\*a`: anchors and aliases are not read"),
+    "a merge key": ("beam:\n  <<: {l_npaths: 3}", 2, "merge keys .* are not read"),
+    "2,000 levels": ("seed: " + "[" * 2000 + "]" * 2000, 1, "seed: more than 50 levels"),
+    "levels of dashes": ("seed: 1\nfps:\n" + "- " * 2000 + "a", 3, "fps: more than 50 levels"),
+    "a list as a key": ("fps: 30\n? [a]\n: 3", 2, "a list as a key"),
+    "an impossible character": ('fps: 30\npaths: {data: "\\U00110000"}', 2, r"not valid YAML"),
+    "half a character": ('fps: 30\npaths: {data: "\\uD800"}', 2, r"paths\.data: holds .*control character \(U\+D800\)"),
+    "a line break": ("paths:\n  work: |\n    a\n    b", 2, r"paths\.work: holds a line break .* \(U\+000A\)"),
     "quoted no": ("wrists:\n  enabled: 'no'", 2, r'wrists\.enabled: found "no", allowed: a valid boolean'),
     "one for true": ("wrists: {enabled: 1}", 1, r"wrists\.enabled: found 1, allowed: a valid boolean"),
     "text for a list": ("blacklist: trn_1", 1, r'blacklist: found "trn_1", allowed: '),
@@ -154,8 +176,8 @@ REFUSED = {
     "not above zero": ("root: {return_half_life: 0}", 1, "return_half_life: found 0, allowed: greater than 0"),
     "too large": ("beam: {min_ratio: 1.5}", 1, r"min_ratio: found 1\.5, allowed: less than or equal to 1"),
     "weight too large": ("features:\n  w_full: [2]", 2, r"features\.w_full\.0: found 2, allowed: less than"),
-    "nan": ("onsets: {min_strength: .nan}", 1, "min_strength: found NaN, allowed: a finite number"),
-    "infinity": ("onsets: {min_strength: .inf}", 1, "min_strength: found Infinity, allowed: a finite number"),
+    "nan": ("onsets: {min_strength: .nan}", 1, r'min_strength: found "\.nan", allowed: .* write a finite number'),
+    "infinity": ("onsets: {min_strength: .inf}", 1, r'min_strength: found "\.inf", allowed: .* write a finite number'),
     "no such choice": ("search: globl", 1, 'search: found "globl", allowed: '),
     "even window": ("wrists:\n  window: 4", 1, "wrists: window must be odd and larger than order"),
     "order above the window": ("wrists: {window: 3, order: 3}", 1, "wrists: window must be odd and larger than order"),
@@ -316,11 +338,11 @@ REFUSED = {
     ),
     "key twice": ("seed: 1\nfps: 30\nseed: 2", 3, "key 'seed' stands twice, first in line 1"),
     "key twice in a section": ("beam:\n  l_npaths: 1\n  l_npaths: 2", 3, "key 'l_npaths' stands twice"),
-    "a key YAML reads as false": ("keywords:\n  words:\n    no: nope", 3, "key False is read by YAML as a bool"),
+    "a key YAML reads as false": ("keywords:\n  words:\n    false: nope", 3, "key False is read by YAML as a bool"),
     "a key YAML reads as a number": ("1: a", 1, "key 1 is read by YAML as a int"),
     "no YAML": ("seed: [1", 2, "not valid YAML"),
     "bad indentation": ("beam:\n  l_npaths: 1\n l_npaths: 2", 3, "not valid YAML"),
-    "two documents": ("seed: 1\n---\nseed: 2", 2, "not valid YAML"),
+    "two documents": ("seed: 1\n---\nseed: 2", 2, "a second document starts here; keep one"),
 }
 
 
@@ -340,8 +362,13 @@ def test_a_file_that_is_no_mapping_is_refused(load, tmp_path, text, found):
 
 @pytest.mark.parametrize(
     ("content", "match"),
-    [(b"\xff\xfe\x00", "not a text file in UTF-8"), (b"seed: \x001", "not valid YAML")],
-    ids=["binary", "control character"],
+    [
+        (b"\xff\xfe\x00", "not a text file in UTF-8"),
+        (b"seed: 1\nfps: \xff", ":2: not a text file in UTF-8"),
+        (b"seed: \x001", "not valid YAML"),
+        (b"seed: 1\n" * 30_000, r"0\.2 MB, more than the 0\.2 MB that are read"),
+    ],
+    ids=["binary", "Latin-1", "control character", "large"],
 )
 def test_a_file_that_is_no_text_is_refused(load, tmp_path, content, match):
     with refused(ConfigError, match, tmp_path / "run.yaml"):
@@ -383,6 +410,13 @@ def test_overrides_win_in_order(load):
         ("paths.data=a=b", lambda c: c.paths.data, "a=b"),
         (" seed =4", lambda c: c.seed, 4),
         ("onsets.min_strength=1.0e-3", lambda c: c.onsets.min_strength, 1e-3),
+        ("onsets.min_strength=1e-3", lambda c: c.onsets.min_strength, 1e-3),
+        ("onsets.min_strength=+.5E+1", lambda c: c.onsets.min_strength, 5.0),
+        (
+            "blacklist=[no, 010, 2020-01-02, 1:30, 0x1, 1_0, .inf, =, a\u00a0b]",
+            lambda c: c.blacklist[:-1],
+            ("no", "010", "2020-01-02", "1:30", "0x1", "1_0", ".inf", "="),
+        ),
     ],
 )
 def test_set_forms(override, get, value):
@@ -398,7 +432,11 @@ def test_set_forms(override, get, value):
         ("continuity.l_pm=1", r"^--set: unknown key 'continuity\.l_pm'; did you mean 'l_pn'"),
         ("a.b.c=1", "^--set: unknown key 'a'"),
         ("continuity.l_pn=0", r"^--set: continuity\.l_pn: found 0, allowed: greater than or equal to 1"),
-        ("onsets.min_strength=1e-3", "^--set: .*YAML reads 1e-3 as text"),
+        ("onsets.min_strength=1e999", "^--set onsets.min_strength=1e999:1: 1e999 is too large"),
+        (".".join("a" * 5000) + "=1", "^--set .*: no such key"),
+        ("paths.data=" + "[" * 5000, "^--set paths.*:1: more than 50 levels"),
+        ("paths.data=a\udcff", "^--set paths.data=a.udcff.*: not valid YAML"),
+        ("a\nb", r"^--set \"a\\nb\": expected key=value"),
         ("seed=[", "not valid YAML"),
         ("seed=", "^--set: seed: found null, allowed: a valid integer"),
         ("wrists.window=4", "^--set: wrists: window must be odd"),
@@ -406,7 +444,7 @@ def test_set_forms(override, get, value):
         ("method=gesture_master", r"^--set: method: .* needs prosody\.enabled: true"),
         ("method=motion_matching", r"^--set: method: .* needs acoustics\.enabled: true"),
         ("control.conditions=[{measure: speed, at_most: 9}]", "^--set: control: .* needs search: global or method:"),
-        ("keywords.words={no: nope}", "key False"),
+        ("keywords.words={false: nope}", "key False"),
         ("beam={l_npaths: 3, l_npaths: 4}", "stands twice"),
     ],
 )
@@ -464,7 +502,7 @@ def test_keywords_beside_the_config_come_first(load, tmp_path, monkeypatch):
     (tmp_path / "keywords.yaml").write_text("Yo: hey\n")
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
-    (elsewhere / "keywords.yaml").write_text("no: 1\n")
+    (elsewhere / "keywords.yaml").write_text("other: 1\n")
     monkeypatch.chdir(elsewhere)
     assert load("seed: 1\n").keywords.words == {"yo": "hey"}
 
@@ -480,6 +518,17 @@ def test_keywords_inside_the_config(load):
     assert load("keywords: {words: {}}\n").keywords.words == {}
 
 
+def test_words_that_other_readers_take_for_bools_are_words(load, tmp_path):
+    (tmp_path / "mine.yaml").write_text("no: negation\non: on\n")
+    assert load("keywords: {file: mine.yaml}\n").keywords.words == {"no": "negation", "on": "on"}
+
+
+def test_only_the_first_mistakes_of_many_are_told(load, tmp_path):
+    with pytest.raises(ConfigError, match=r"run\.yaml: and 2980 more$") as caught:
+        load("".join(f"a{n}: 1\n" for n in range(3000)))
+    assert len(str(caught.value).splitlines()) == 21
+
+
 def test_keywords_are_lower_cased_wherever_they_stand(load, tmp_path):
     (tmp_path / "mine.yaml").write_text("Hello: hello\n")
     assert load("keywords: {file: mine.yaml}\n").keywords.words == {"hello": "hello"}
@@ -492,8 +541,8 @@ def test_keywords_are_lower_cased_wherever_they_stand(load, tmp_path):
         ("- hey\n- you\n", "expected `word: keyword` lines"),
         ("hey:\n", "expected `word: keyword` lines"),
         ("one: 1\n", "expected `word: keyword` lines"),
-        ("stop: no\n", "put words such as no and on in quotes"),
-        ("no: nope\n", "mine.yaml:1: key False is read by YAML as a bool; put it in quotes"),
+        ("stop: true\n", "put words such as true and null in quotes"),
+        ("false: nope\n", "mine.yaml:1: key False is read by YAML as a bool; put it in quotes"),
         ("hey: a\nhey: b\n", "mine.yaml:2: key 'hey' stands twice"),
         ("hey: [\n", "mine.yaml:2: not valid YAML"),
         ("", "expected `word: keyword` lines"),

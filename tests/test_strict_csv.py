@@ -53,9 +53,26 @@ def test_every_end_of_line_and_a_byte_order_mark(tmp_path, end):
     assert read(write(tmp_path, text.encode("utf-8-sig"))) == [(2, row("ä", "1", "01")), (3, row("b", "2", "10"))]
 
 
-def test_quotes_keep_commas_and_line_breaks(tmp_path):
-    path = write(tmp_path, 'clip,start,bits\n"a, ""b""",1,01\n"c\nd",2,10\n')
-    assert read(path) == [(2, row('a, "b"', "1", "01")), (4, row("c\nd", "2", "10"))]
+def test_quotes_keep_commas(tmp_path):
+    path = write(tmp_path, 'clip,start,bits\n"a, ""b""",1,01\n')
+    assert read(path) == [(2, row('a, "b"', "1", "01"))]
+
+
+@pytest.mark.parametrize(
+    ("content", "line", "match"),
+    [
+        ('"c\nd",2,10\n', 3, r"a cell holds a line break or control character \(U\+000A\)"),
+        ("c\x1b[2J,2,10\n", 2, r"a cell holds a .*control character \(U\+001B\) after"),
+        ("<<<<<<< ours\na,1,01\n", 2, "merge conflict marker"),
+        ("=======\n", 2, "merge conflict marker"),
+        ("a" * 200_000 + ",1,01\n", 2, "not valid CSV .*field larger"),
+        ('"a,1,01\n' * 3, 3, "not valid CSV .*check the quotes"),
+    ],
+)
+def test_cells_that_hold_more_than_a_cell(tmp_path, content, line, match):
+    path = write(tmp_path, "clip,start,bits\n" + content)
+    with refused(ConfigError, literally(path, line) + match):
+        read(path)
 
 
 @SMALL

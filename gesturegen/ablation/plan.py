@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from gesturegen import strict_yaml
+from gesturegen import inputs, strict_yaml
 from gesturegen.config import Config, configs_folder, layer_config, load_ablation, load_config
 from gesturegen.errors import ConfigError
 
@@ -53,14 +53,16 @@ def load_plan(
     listed, lines = load_ablation(path)
     for override in overrides:
         if override.partition("=")[0].strip() == "seed":
-            raise ConfigError(f"--set {override}: an ablation has its own seeds; change `seeds` in {path}")
+            raise ConfigError(
+                f"--set {inputs.shown(override)}: an ablation has its own seeds; change `seeds` in {inputs.shown(path)}"
+            )
     base_path = None
     if listed.base is not None:
-        base_path = _beside(path, listed.base, f"{path}:{lines[('base',)]}: base")
+        base_path = _beside(path, listed.base, f"{inputs.shown(path)}:{lines[('base',)]}: base")
     base = load_config(base_path, overrides, folders)
     setups: dict[str, Config] = {}
     for number, name in enumerate(listed.setups):
-        where = f"{path}:{lines[('setups', number)]}: setups"
+        where = f"{inputs.shown(path)}:{lines[('setups', number)]}: setups"
         file = _beside(path, name, where)
         if file.stem in setups:
             raise ConfigError(f"{where}: two setups are called {file.stem}; rename one of the files")
@@ -70,7 +72,7 @@ def load_plan(
 
 def _beside(path: Path, name: str, where: str) -> Path:
     file = path.parent / name
-    if not file.is_file():
+    if not inputs.is_file(file):
         raise ConfigError(f"{where}: {file} does not exist; paths are relative to the folder of {path.name}")
     return file
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gesturegen import inputs
 from gesturegen.errors import DataError
 from gesturegen.files import write_text
 from gesturegen.motion import rotation
@@ -19,6 +20,16 @@ from gesturegen.motion.skeleton import Motion, Skeleton
 
 _AXES = {"x": 0, "y": 1, "z": 2}
 _CHANNEL_NAMES = {f"{axis}{kind}".lower(): f"{axis}{kind}" for axis in "XYZ" for kind in ("position", "rotation")}
+MOST_BYTES = 2_000_000_000
+# Characters of the hierarchy; ten times as many as in one of its lines.
+MOST_HEADER = 1_000_000
+# A body with hands and face has a few hundred joints, on a few dozen levels.
+MOST_JOINTS = 1000
+MOST_LEVELS = 200
+# Joints without channels take no room in a file: what a motion takes in memory may be so many times the file's size.
+_BYTES_OF_A_POSE = 56
+_MOST_TIMES = 20
+_ALWAYS_ALLOWED = 64_000_000
 # A recording has less than this many centimetres or degrees; more means a broken exporter.
 _LARGEST_VALUE = 1e6
 # Seconds. No recording is slower than one frame a second or faster than 10,000.
@@ -88,25 +99,22 @@ def hierarchy_text(
 
 def _read_text(path: Path, header_only: bool = False) -> str:
     """The text of a file, up to its MOTION line where only the hierarchy is wanted."""
-    try:
-        with path.open("rb") as file:
-            if header_only:
-                lines = []
-                for line in file:
-                    lines.append(line)
-                    if line.strip() == b"MOTION":
-                        break
-                raw = b"".join(lines)
-            else:
-                raw = file.read()
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
+    if header_only:
+        with inputs.open_regular(path, most_bytes=MOST_BYTES) as file:
+            lines = []
+            for line in file:
+                lines.append(line)
+                if line.strip() == b"MOTION":
+                    break
+            raw = b"".join(lines)
+    else:
+        raw = inputs.read_bytes(path, MOST_BYTES)
     if not raw.strip():
-        raise DataError(f"{path}: the file is empty; copy it again from its source")
+        raise DataError(f"{inputs.shown(path)}: the file is empty; copy it again from its source")
     if b"\0" in raw:
-        raise DataError(f"{path}: binary data, not a BVH text file; check that it was exported as BVH")
+        raise DataError(f"{inputs.shown(path)}: binary data, not a BVH text file; check that it was exported as BVH")
     if raw.startswith(b"version https://git-lfs"):
-        raise DataError(f"{path}: a Git LFS pointer, not the file itself; run `git lfs pull`")
+        raise DataError(f"{inputs.shown(path)}: a Git LFS pointer, not the file itself; run `git lfs pull`")
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -120,13 +128,19 @@ def _split(path: Path, text: str) -> tuple[list[str], str, int]:
         found = re.search(rf"^{marker}", text, re.MULTILINE) if marker in text else None
         if found:
             line = text.count("\n", 0, found.start()) + 1
-            raise DataError(f"{path}:{line}: merge conflict marker {marker!r}; resolve the conflict first")
+            raise DataError(
+                f"{inputs.shown(path)}:{line}: merge conflict marker {marker!r}; resolve the conflict first"
+            )
     found = re.search(r"^[ \t]*MOTION[ \t]*\r?$", text, re.MULTILINE)
     if not found:
         start = text.lstrip()[:9]
         why = "the file is cut off inside its hierarchy" if start == "HIERARCHY" else f"it starts with {start!r}"
-        raise DataError(f"{path}: no MOTION section ({why}); a BVH file has HIERARCHY, then MOTION")
+        raise DataError(f"{inputs.shown(path)}: no MOTION section ({why}); a BVH file has HIERARCHY, then MOTION")
     header = _lines(text[: found.start()])
+    if found.start() > MOST_HEADER or max(map(len, header), default=0) > MOST_HEADER // 10:
+        raise DataError(
+            f"{inputs.shown(path)}: a hierarchy of {found.start():,} characters, more than any body has; export it again"
+        )
     return header, text[found.end() :].lstrip("\r").removeprefix("\n"), text.count("\n", 0, found.end()) + 2
 
 
@@ -146,9 +160,10 @@ class _Hierarchy:
         self.offsets: list[list[float]] = []
         self.end_sites: list[list[float]] = []
         self.channels: list[tuple[str, ...]] = []
+        self.with_channels: set[int] = set()
 
     def fail(self, line: int, message: str) -> DataError:
-        return DataError(f"{self.path}:{line}: {message}")
+        return DataError(f"{inputs.shown(self.path)}:{line}: {message}")
 
     def parse(self) -> Skeleton:
         stack: list[int | None] = []  # joint numbers; None inside an End Site
@@ -172,6 +187,8 @@ class _Hierarchy:
                 if word == "{":
                     if pending == "none":
                         raise self.fail(number, "a brace opens that belongs to no joint; check the hierarchy")
+                    if len(stack) == MOST_LEVELS:
+                        raise self.fail(number, f"more than {MOST_LEVELS} levels of joints; export the motion again")
                     stack.append(pending)
                     pending = "none"
                     words = words[1:]
@@ -195,7 +212,8 @@ class _Hierarchy:
                     words = self._set_channels(number, words[1:], stack)
                 else:
                     raise self.fail(
-                        number, f"unknown word {word!r} in the hierarchy; expected JOINT, OFFSET, CHANNELS or End Site"
+                        number,
+                        f"unknown word {inputs.shown(word[:40])!r} in the hierarchy; expected JOINT, OFFSET, CHANNELS or End Site",
                     )
         if stack or pending != "none" or not self.names:
             raise self.fail(number, "the hierarchy ends before its braces close; the file is cut off or damaged")
@@ -219,6 +237,12 @@ class _Hierarchy:
     def _add_joint(self, number: int, keyword: str, name: str, stack: list[int | None]) -> int:
         if not name:
             raise self.fail(number, f"{keyword} without a name")
+        if not name.isprintable() and re.search("[\x00-\x1f\x7f]", name):
+            raise self.fail(number, f"the joint name {inputs.shown(name[:40])!r} holds a control character; rename it")
+        if len(name) > 200:
+            raise self.fail(number, f"the joint name {inputs.shown(name[:40])!r}... is longer than 200 characters")
+        if len(self.names) == MOST_JOINTS:
+            raise self.fail(number, f"more than {MOST_JOINTS} joints; export the motion of one body")
         if name in self.names:
             raise self.fail(number, f"joint name {name!r} stands twice; rename one of the joints")
         if keyword == "ROOT" and self.names:
@@ -235,14 +259,14 @@ class _Hierarchy:
     def _set_offset(self, number: int, words: list[str], stack: list, offset_seen: set[int]) -> None:
         if not self.names or not stack:
             raise self.fail(number, "OFFSET outside any joint; check the braces")
-        try:
-            offset = [float(word) for word in words]
-        except ValueError:
-            offset = []
-        if len(offset) != 3 or not np.isfinite(offset).all():
-            raise self.fail(number, f"OFFSET needs three numbers, found {' '.join(words)!r}")
+        offset = [inputs.decimal(word) for word in words]
+        if len(offset) != 3 or None in offset or np.abs(offset).max() > _LARGEST_VALUE:
+            found = inputs.shown(" ".join(words)[:60])
+            raise self.fail(number, f"OFFSET needs three numbers of at most {_LARGEST_VALUE:g}, found {found!r}")
         if stack[-1] is None:
             self.end_sites[stack[-2]] = offset
+        elif stack[-1] in offset_seen:
+            raise self.fail(number, f"a second OFFSET of joint {self.names[stack[-1]]!r}; keep one")
         else:
             self.offsets[stack[-1]] = offset
             offset_seen.add(stack[-1])
@@ -250,13 +274,16 @@ class _Hierarchy:
     def _set_channels(self, number: int, words: list[str], stack: list[int | None]) -> list[str]:
         if not stack or stack[-1] is None:
             raise self.fail(number, "CHANNELS outside any joint; check the braces")
-        if not words or not words[0].isdigit():
-            raise self.fail(number, f"CHANNELS needs a count, found {' '.join(words[:1])!r}")
+        if not words or not re.fullmatch("[0-9]{1,3}", words[0]):
+            raise self.fail(number, f"CHANNELS needs a count, found {' '.join(words[:1])[:40]!r}")
+        if stack[-1] in self.with_channels:
+            raise self.fail(number, f"a second CHANNELS of joint {self.names[stack[-1]]!r}; keep one")
+        self.with_channels.add(stack[-1])
         count = int(words[0])
         names = words[1 : 1 + count]
         unknown = [name for name in names if name.lower() not in _CHANNEL_NAMES]
         if len(names) < count or unknown:
-            what = f"unknown channel {unknown[0]!r}" if unknown else f"{len(names)} names"
+            what = f"unknown channel {unknown[0][:40]!r}" if unknown else f"{len(names)} names"
             raise self.fail(
                 number,
                 f"CHANNELS announces {count} channels, found {what}; allowed are {' '.join(_CHANNEL_NAMES.values())}",
@@ -273,31 +300,15 @@ class _Hierarchy:
 
 def _read_frames(path: Path, body: str, line: int, skeleton: Skeleton) -> tuple[float, np.ndarray]:
     """The frame time in seconds and the channel values `[shape=(T, n_channels)]`."""
-    found = re.match(
-        r"\s*Frames[ \t]*:?[ \t]*(?P<frames>\S*)[ \t]*\r?\n\s*Frame[ \t]+Time[ \t]*:?[ \t]*(?P<time>\S*)[ \t]*\r?(?:\n|$)",
-        body,
-        re.I,
-    )
-    if not found:
-        raise DataError(
-            f"{path}:{line}: expected `Frames: N` and `Frame Time: seconds` after MOTION; the file is cut off or damaged"
-        )
-    frame_line = line + body.count("\n", 0, found.start("frames"))
-    time_line = line + body.count("\n", 0, found.start("time"))
-    if not re.fullmatch(r"\d{1,15}", found["frames"]) or int(found["frames"]) == 0:
-        raise DataError(
-            f"{path}:{frame_line}: `Frames: {found['frames'][:30]}` is not a number of frames of at least 1"
-        )
-    frame_time = _number(found["time"])
-    if frame_time is None or not _FRAME_TIMES[0] <= frame_time <= _FRAME_TIMES[1]:
-        raise DataError(
-            f"{path}:{time_line}: `Frame Time: {found['time'][:30]}` is not a time between {_FRAME_TIMES[0]:g} and {_FRAME_TIMES[1]:g} s"
-        )
-    declared = int(found["frames"])
-    first_line = line + body.count("\n", 0, found.end())
-    rows = body[found.end() :]
+    declared, frame_line, frame_time, rows, first_line = _frames_and_time(path, body, line)
     count = sum(1 for row in _lines(rows) if row.strip())
     width = skeleton.n_channels
+    needed = count * len(skeleton.names) * _BYTES_OF_A_POSE
+    if needed > _ALWAYS_ALLOWED + _MOST_TIMES * len(body):
+        raise DataError(
+            f"{inputs.shown(path)}: {len(skeleton.names)} joints in {count:,} frames take {needed / 1e6:,.0f} MB of memory, "
+            f"over {_MOST_TIMES} times the file: nearly all are without channels; export them with channels, or not at all"
+        )
     try:
         values = (
             np.loadtxt(io.StringIO(rows), dtype=np.float64, ndmin=2, comments=None) if count else np.empty((0, width))
@@ -309,15 +320,46 @@ def _read_frames(path: Path, body: str, line: int, skeleton: Skeleton) -> tuple[
         _find_bad_row(path, rows, first_line, skeleton, declared)
     if count != declared:
         what = "the file is cut off" if count < declared else "the count is wrong or two files were joined"
-        raise DataError(f"{path}:{frame_line}: `Frames: {declared}` but {count} rows of values follow; {what}")
+        raise DataError(
+            f"{inputs.shown(path)}:{frame_line}: `Frames: {declared}` but {count} rows of values follow; {what}"
+        )
     large = np.argwhere(np.abs(values) > _LARGEST_VALUE)
     if len(large):
         row, column = large[0]
         raise DataError(
-            f"{path}: frame {row}, {_column_name(skeleton, column)}: {values[row, column]:g} is not a plausible value; "
+            f"{inputs.shown(path)}: frame {row}, {_column_name(skeleton, column)}: {values[row, column]:g} is not a plausible value; "
             "export the motion again"
         )
     return frame_time, values
+
+
+def _frames_and_time(path: Path, body: str, line: int) -> tuple[int, int, float, str, int]:
+    """`Frames` and its line, `Frame Time` in seconds, the text of the rows below and the line it starts at."""
+    found, place, number = [], 0, line
+    for words in (["FRAMES"], ["FRAME", "TIME"]):
+        own, text = number, ""
+        while not text.strip() and place < len(body):
+            end = body.find("\n", place) % (len(body) + 1)  # -1 for none is the end of the text
+            own, text = number, body[place : min(end, place + 1000)]
+            place, number = end + 1, number + 1
+        cells = text.replace(":", " : ", 1).split()
+        value = [cell for cell in cells[len(words) :] if cell != ":"]
+        if [cell.upper() for cell in cells[: len(words)]] != words or len(value) > 1:
+            raise DataError(
+                f"{inputs.shown(path)}:{line}: expected `Frames: N` and `Frame Time: seconds` after MOTION; "
+                "the file is cut off or damaged"
+            )
+        found.append((inputs.shown("".join(value)[:30]), "".join(value), own))
+    (shown, frames, frame_line), (shown_time, time, time_line) = found
+    if not re.fullmatch("[0-9]{1,15}", frames) or int(frames) == 0:
+        raise DataError(f"{inputs.shown(path)}:{frame_line}: `Frames: {shown}` is not a number of frames of at least 1")
+    frame_time = inputs.decimal(time)
+    if frame_time is None or not _FRAME_TIMES[0] <= frame_time <= _FRAME_TIMES[1]:
+        low, high = _FRAME_TIMES
+        raise DataError(
+            f"{inputs.shown(path)}:{time_line}: `Frame Time: {shown_time}` is not a time between {low:g} and {high:g} s"
+        )
+    return int(frames), frame_line, frame_time, body[place:], number
 
 
 def _find_bad_row(path: Path, rows: str, first_line: int, skeleton: Skeleton, declared: int) -> None:
@@ -327,12 +369,12 @@ def _find_bad_row(path: Path, rows: str, first_line: int, skeleton: Skeleton, de
     filled = [number for number, row in enumerate(lines) if row.strip()]
     for number in filled:
         words = lines[number].split()
-        where = f"{path}:{first_line + number}"
+        where = f"{inputs.shown(path)}:{first_line + number}"
         bad = next(
             (
                 column
                 for column, word in enumerate(words[:width])
-                if (value := _number(word)) is None or not np.isfinite(value)
+                if (value := inputs.decimal(word)) is None or not np.isfinite(value)
             ),
             None,
         )
@@ -344,14 +386,7 @@ def _find_bad_row(path: Path, rows: str, first_line: int, skeleton: Skeleton, de
             cut = number == filled[-1] and len(filled) <= declared and len(words) < width
             what = "the file is cut off" if cut else "every row needs one value per channel"
             raise DataError(f"{where}: {len(words)} values where the hierarchy has {width} channels; {what}")
-    raise DataError(f"{path}: the frames cannot be read as numbers; the file is damaged")
-
-
-def _number(word: str) -> float | None:
-    try:
-        return float(word)
-    except ValueError:
-        return None
+    raise DataError(f"{inputs.shown(path)}: the frames cannot be read as numbers; the file is damaged")
 
 
 def _column_name(skeleton: Skeleton, column: int) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gesturegen import clips, files, recordings
+from gesturegen import clips, recordings
 from gesturegen.config import Config
 from gesturegen.errors import DamagedError, DataError, GesturegenError
 from gesturegen.files import require_writable  # noqa: F401 - for the commands

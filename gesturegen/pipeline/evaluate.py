@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gesturegen import __version__, clips, evaluation, files, submission, tables
@@ -23,7 +22,7 @@ from gesturegen.inspection import traces
 from gesturegen.methods import METHODS
 from gesturegen.metrics.feet import FootSkate
 from gesturegen.metrics.usage import training_utilisation
-from gesturegen.motion import bvh, cleanup
+from gesturegen.motion import bvh, cleanup, positions
 from gesturegen.parallel import Outcome, for_each
 from gesturegen.pipeline.common import (
     Summary,
@@ -271,10 +270,7 @@ def locate_file(path: Path, config: Config) -> evaluation.Joints:
     """The joints of a BVH file, or of an `.npz` file with `positions`."""
     if path.suffix.lower() == ".bvh":
         return evaluation.locate(cleanup.resample(bvh.read(path), config.fps), config)
-    stored = files.read_arrays(path)
-    if "positions" not in stored or stored["positions"].ndim != 3 or stored["positions"].shape[-1] != 3:
-        raise DataError(f"{path}: expected an array `positions` of shape (frames, joints, 3)")
-    return evaluation.from_positions(stored["positions"].astype(np.float64), config)
+    return evaluation.from_positions(positions.read(path), config)
 
 
 def reference_skate(config: Config, names: Sequence[str]) -> float:

@@ -10,7 +10,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from gesturegen import files
+from gesturegen import files, inputs
 from gesturegen.clips import Reference, Speech
 from gesturegen.config import Config
 from gesturegen.control.gestures import placements
@@ -135,18 +135,18 @@ class _Joined(Sequence):
 def _load(config: Config, name: str, like: Reference | None) -> Reference:
     """A gesture of the library; like : a reference whose skeleton it must have."""
     folder = FilePath(config.control.library) if config.control.library else None
-    if folder is None or not folder.is_dir():
+    if folder is None or not inputs.is_dir(folder):
         raise DataError(f"control.library: {config.control.library!r} is no folder; give the one that has {name}.bvh")
     path = folder / f"{name}.bvh"
-    if not path.is_file():
-        known = sorted(one.stem for one in folder.glob("*.bvh"))
+    if not inputs.is_file(path):
+        known = sorted(inputs.shown(one.stem) for one in folder.glob("*.bvh"))
         near = get_close_matches(name, known, n=1, cutoff=0.4)
         hint = f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(known) or 'no BVH file'}"
-        raise DataError(f"{path}: no such gesture; {hint}")
+        raise DataError(f"{inputs.shown(path)}: no such gesture; {hint}")
     gesture = _read(str(path), files.sha256(path), config.model_dump_json(by_alias=True))
     difference = like and gesture.motion.skeleton.difference(like.motion.skeleton)
     if difference:
-        raise DataError(f"{path}: not the skeleton of the references: {difference}; retarget it first")
+        raise DataError(f"{inputs.shown(path)}: not the skeleton of the references: {difference}; retarget it first")
     return gesture
 
 

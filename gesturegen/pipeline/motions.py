@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from gesturegen import recordings
+from gesturegen import inputs, recordings
 from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.pipeline.common import work_path
@@ -23,12 +23,14 @@ def motion_files(config: Config, paths: Sequence[Path]) -> dict[str, Path]:
 
 
 def _of_path(path: Path) -> dict[str, Path]:
-    if path.is_file():
+    if inputs.is_file(path):
         if path.suffix.lower() != ".bvh":
-            raise DataError(f"{path}: not a BVH file; give a file that ends in .bvh, or a folder of them")
+            raise DataError(f"{inputs.shown(path)}: not a BVH file; give a file that ends in .bvh, or a folder of them")
         return {path.stem: path}
-    if not path.is_dir():
-        raise DataError(f"{path}: no such file or folder; run `gesturegen reenact` first, or give BVH files")
+    if not inputs.is_dir(path):
+        raise DataError(
+            f"{inputs.shown(path)}: no such file or folder; run `gesturegen reenact` first, or give BVH files"
+        )
     return folder_motions(path)
 
 
@@ -41,7 +43,7 @@ def folder_motions(folder: Path, arrays: bool = False) -> dict[str, Path]:
     if not found and arrays:
         found = {path.stem: path for path in sorted(folder.glob("*.npz"))}
     if not found:
-        raise DataError(f"{folder}: no BVH file in it")
+        raise DataError(f"{inputs.shown(folder)}: no BVH file in it")
     return found
 
 
@@ -51,6 +53,6 @@ def folder_sounds(folder: Path) -> dict[str, Path]:
 
 
 def _recordings(folder: Path) -> list[recordings.Recording]:
-    if not folder.is_dir():
-        raise DataError(f"{folder}: no such folder")
+    if not inputs.is_dir(folder):
+        raise DataError(f"{inputs.shown(folder)}: no such folder")
     return recordings.list_recordings(folder)

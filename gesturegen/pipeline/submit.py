@@ -6,15 +6,14 @@ import zipfile
 from functools import partial
 from pathlib import Path
 
-import soundfile
-
-from gesturegen import files, recordings, submission
+from gesturegen import files, inputs, recordings, submission
 from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.motion import bvh
 from gesturegen.motion.skeleton import Skeleton
 from gesturegen.parallel import for_each
 from gesturegen.pipeline.common import Summary, require_writable, work_path
+from gesturegen.speech import audio
 
 
 def check(config: Config, folder: Path | None, strict: bool, jobs: int, quiet: bool) -> Summary:
@@ -23,8 +22,8 @@ def check(config: Config, folder: Path | None, strict: bool, jobs: int, quiet: b
     folder : this run's own BVH files by default; strict : stretches without motion are problems too
     """
     folder = folder if folder is not None else work_path(config, "reenact")
-    if not folder.is_dir():
-        raise DataError(f"{folder}: no such folder")
+    if not inputs.is_dir(folder):
+        raise DataError(f"{inputs.shown(folder)}: no such folder")
     speeches = {recording.name: recording for recording in recordings.test_recordings(config)}
     skeletons = _training_skeletons(config)
     found = {path.stem for path in folder.glob("*.bvh")}
@@ -73,9 +72,11 @@ def _check_clip(
         return [f"{path}: no test clip has this name; name files as the audio is named"], []
     n_frames, problems = None, []
     try:
-        info = soundfile.info(str(recording.audio_path))
-        n_frames = round(info.frames / info.samplerate * config.fps)
-    except (soundfile.LibsndfileError, TypeError):
+        if recording.audio_path is None:
+            raise DataError(f"{path}: no audio")
+        samples, rate = audio.read_samples(recording.audio_path)
+        n_frames = round(len(samples) / rate * config.fps)
+    except DataError:
         problems.append(f"{path}: its audio {recording.audio_path} cannot be read, so its length is not checked")
     found, warnings = submission.check_motion(path, skeletons, n_frames, float(config.fps))
     return found + problems, warnings

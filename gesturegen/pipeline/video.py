@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from gesturegen import files
+from gesturegen import files, inputs
 from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.extras import need
@@ -75,12 +75,12 @@ def _shot(
 
 def _sounds(config: Config, motions: Mapping[str, Path], path: Path | None, sound: Path | None) -> dict[str, Path]:
     """The audio file of each clip that has one."""
-    if sound is not None and sound.is_file():
+    if sound is not None and inputs.is_file(sound):
         if len(motions) > 1:
             raise DataError(f"{sound}: one audio file for {len(motions)} motions; give a folder of audio files")
         return {name: sound for name in motions}
     if sound is not None:
-        if not sound.is_dir():
+        if not inputs.is_dir(sound):
             raise DataError(f"{sound}: no such audio file or folder")
         found = folder_sounds(sound)
         if not motions.keys() & found.keys():

@@ -13,7 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
+from gesturegen import inputs
 from gesturegen.errors import DataError
+
+MOST_BYTES = 2_000_000
+# Seconds; milliseconds of a week are less.
+_LATEST = 1e9
 
 # Times in TSV files are often a hair below the frame they mean (0.3 * 30 is 8.999...).
 _FRAME_SLACK = 1e-6
@@ -47,14 +52,11 @@ def read(path: str | Path, duration: float) -> tuple[tuple[Word, ...], list[str]
     before they start are dropped. Raises DataError with the line for anything that is no transcript.
     """
     path = Path(path)
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
+    raw = inputs.read_bytes(path, MOST_BYTES)
     if raw.startswith(b"version https://git-lfs"):
-        raise DataError(f"{path}: a Git LFS pointer, not the file itself; run `git lfs pull`")
+        raise DataError(f"{inputs.shown(path)}: a Git LFS pointer, not the file itself; run `git lfs pull`")
     if b"\0" in raw:
-        raise DataError(f"{path}: binary data, not a transcript; expected start<TAB>end<TAB>text lines")
+        raise DataError(f"{inputs.shown(path)}: binary data, not a transcript; expected start<TAB>end<TAB>text lines")
     notes = []
     try:
         text = raw.decode("utf-8-sig")
@@ -70,7 +72,7 @@ def read(path: str | Path, duration: float) -> tuple[tuple[Word, ...], list[str]
 
 
 def _parse_line(path: Path, number: int, line: str) -> tuple[float, float, str]:
-    where = f"{path}:{number}"
+    where = f"{inputs.shown(path)}:{number}"
     if line.startswith(("<<<<<<<", ">>>>>>>", "=======")):
         raise DataError(f"{where}: merge conflict marker; resolve the conflict first")
     cells = line.split("\t") if "\t" in line else line.split(None, 2)
@@ -78,11 +80,8 @@ def _parse_line(path: Path, number: int, line: str) -> tuple[float, float, str]:
         raise DataError(f"{where}: {len(cells)} columns in {line.strip()[:40]!r}; expected start<TAB>end<TAB>text")
     times = []
     for column, cell in enumerate(cells[:2], 1):
-        try:
-            time = float(cell)
-        except ValueError:
-            time = np.nan
-        if not np.isfinite(time):
+        time = inputs.decimal(cell)
+        if time is None or abs(time) > _LATEST:
             raise DataError(
                 f"{where}: column {column} is {cell.strip()[:30]!r}, not a time in seconds (there is no header line)"
             )

@@ -399,7 +399,40 @@ BROKEN = {
     "joint name twice": (edited("JOINT lower", "JOINT upper"), 6, "joint name 'upper' stands twice"),
     "joint without a name": (edited("JOINT lower", "JOINT"), 6, "JOINT without a name"),
     "brace missing at the end": (edited("}\nMOTION", "MOTION"), 14, "ends before its braces close"),
-    "brace missing at the start": (edited("JOINT lower\n\t{\n", "JOINT lower\n"), 14, "one closing brace too many"),
+    "brace missing at the start": (
+        edited("JOINT lower\n\t{\n", "JOINT lower\n"),
+        7,
+        "a second OFFSET of joint 'upper'",
+    ),
+    "a second CHANNELS": (
+        edited("\tJOINT", "\tCHANNELS 1 Xrotation\n\tJOINT"),
+        6,
+        "a second CHANNELS of joint 'upper'; keep one",
+    ),
+    "a superscript for a count": (edited("CHANNELS 3", "CHANNELS ²"), 9, "CHANNELS needs a count, found '²'"),
+    "a count of channels without end": (edited("CHANNELS 3", "CHANNELS " + "9" * 5000), 9, "CHANNELS needs a count"),
+    "an Arabic number": (edited("OFFSET 30.0", "OFFSET ٣"), 8, "OFFSET needs three numbers"),
+    "a plausible number with an underscore": (edited("OFFSET 30.0", "OFFSET 3_0"), 8, "OFFSET needs three numbers"),
+    "a large OFFSET": (edited("OFFSET 30.0", "OFFSET 1e200"), 8, r"OFFSET needs three numbers of at most 1e\+06"),
+    "20,000 levels": (
+        "HIERARCHY\nROOT r\n" + "".join(f"{{\nOFFSET 0 0 0\nJOINT j{n}\n" for n in range(20_000)) + "MOTION\n",
+        603,
+        "more than 200 levels",
+    ),
+    "thousands of joints": (
+        "HIERARCHY\nROOT r\n{\nOFFSET 0 0 0\n"
+        + "".join(f"JOINT j{n} {{ OFFSET 0 0 0 }}\n" for n in range(3000))
+        + "}\nMOTION\n",
+        1004,
+        "more than 1000 joints",
+    ),
+    "a name that steers a terminal": (
+        edited("JOINT lower", "JOINT lo\x1b[2Jwer"),
+        6,
+        r"the joint name 'lo\\\\x1b\[2Jwer' holds a",
+    ),
+    "a name without end": (edited("JOINT lower", "JOINT " + "a" * 300), 6, "longer than 200 characters"),
+    "frames in Arabic": (bvh_text(frames="٣"), 17, "is not a number of frames"),
     "brace too many": (edited("}\nMOTION", "}\n}\nMOTION"), 16, "one closing brace too many"),
     "brace of no joint": (edited("{\n", "{\n{\n"), 4, "a brace opens that belongs to no joint"),
     "no HIERARCHY": (edited("HIERARCHY\n", ""), 1, "found 'ROOT upper' where HIERARCHY was expected"),
@@ -426,7 +459,25 @@ def test_absurd_values_are_refused_with_frame_and_channel(read, tmp_path):
         read(bvh_text([ARM_ROW, ARM_ROW.replace("40.0", "1e7")]))
 
 
-@pytest.mark.parametrize("frame_time", ("0.00001", "1e-9", "1e-320"))
+def test_joints_without_channels_do_not_fill_the_memory(read, tmp_path):
+    joints = "".join(f"JOINT j{n} {{ OFFSET 0 0 0 }}\n" for n in range(900))
+    text = bvh_text(["1"] * 10_000, "HIERARCHY\nROOT r {\nOFFSET 0 0 0\nCHANNELS 1 Xposition\n" + joints + "}\n")
+    with refused(DataError, "901 joints in 10,000 frames take 505 MB of memory, over 20 times the file", tmp_path):
+        read(text)
+
+
+def test_a_hierarchy_without_end_is_refused_at_once(read, tmp_path):
+    with refused(DataError, "a hierarchy of 1,200,... characters", tmp_path):
+        read(ARM[:-2] + "End Site { OFFSET 0 0 0 }" * 48_000 + "}\nMOTION\n")
+
+
+@pytest.mark.parametrize("space", (" ", "\n", " \t\n"))
+def test_spaces_without_end_take_no_time(read, tmp_path, space):
+    with refused(DataError, "expected `Frames: N`|is not a number of frames", tmp_path):
+        read(ARM + "MOTION\nFrames" + space * 1_000_000 + "x 3")
+
+
+@pytest.mark.parametrize("frame_time", ("0.00001", "1e-9", "1e-320", "1e9", "-0.03", "0", "0.0_3", "٠.١"))
 def test_absurd_frame_rates_are_refused(read, tmp_path, frame_time):
     with refused(DataError, literally(tmp_path / "clip.bvh", 18)):
         read(bvh_text(frame_time=frame_time))

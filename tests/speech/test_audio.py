@@ -267,11 +267,41 @@ def test_other_chunks_are_skipped(tmp_path):
     )
 
 
-def test_a_stream_without_its_length_is_read_to_the_end(tmp_path):
+@pytest.mark.parametrize("length", (0xFFFFFFFF, 0x80000000, 0x7FFFF000, 0x7FFFFFFF))
+def test_a_stream_without_its_length_is_read_to_the_end(tmp_path, length):
     data = wav_bytes(tmp_path)
-    data[4:8] = data[40:44] = b"\xff" * 4
+    data[4:8] = data[40:44] = struct.pack("<I", length)
     (tmp_path / "a.wav").write_bytes(data)
     assert len(audio.read_samples(tmp_path / "a.wav")[0]) == 8000
+
+
+def flac_bytes(tmp_path, announced, rate=16000, seconds=0.5):
+    """A FLAC file whose header says another number of samples: 36 bits from the 13th byte of STREAMINFO on."""
+    data = bytearray(write_audio(tmp_path / "whole.flac", bursts([0.2], seconds), rate).read_bytes())
+    data[21] = data[21] & 0xF0 | announced >> 32
+    data[22:26] = struct.pack(">I", announced & 0xFFFFFFFF)
+    return data
+
+
+def test_flac_without_its_length_is_read_to_the_end(tmp_path):
+    (tmp_path / "a.flac").write_bytes(flac_bytes(tmp_path, 0))
+    assert len(audio.read_samples(tmp_path / "a.flac")[0]) == 8000
+
+
+def test_flac_that_announces_hours_is_refused_at_once(tmp_path):
+    (tmp_path / "a.flac").write_bytes(flac_bytes(tmp_path, 2**35))
+    with refused(DataError, "the file is cut off: 8000 of 34359738368 samples", tmp_path / "a.flac"):
+        audio.read_samples(tmp_path / "a.flac")
+
+
+def test_silence_that_unpacks_without_end_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(audio, "_ALWAYS_ALLOWED", 1_000_000)
+    path = write_audio(tmp_path / "a.flac", np.zeros(1_000_000), 16000)
+    assert path.stat().st_size < 10_000
+    with refused(DataError, r"over [0-9]+ s of audio in 0\.0 MB; at most 4 hours are read", path):
+        audio.read_samples(path)
+    short = write_audio(tmp_path / "b.flac", np.zeros(100_000), 16000)
+    assert len(audio.read_samples(short)[0]) == 100_000
 
 
 # --- files that are refused ---------------------------------------------------------------------------------
@@ -292,7 +322,32 @@ def with_nan(at, value):
     return samples
 
 
+def with_header(path, place, value):
+    """A WAV file with four other bytes in its header: 22 to 25 channels and half the rate, 24 to 27 the rate."""
+    data = wav_bytes(path.parent)
+    data[place : place + 4] = struct.pack("<I", value)
+    path.write_bytes(data)
+
+
+def with_chunks(path, before=b"", after=b""):
+    data = wav_bytes(path.parent)
+    path.write_bytes(data[:36] + before + data[36:] + after)
+
+
 REFUSED = {
+    "1 Hz": (lambda path: with_header(path, 24, 1), "a sample rate of 1 Hz, expected 1,000 to 768,000"),
+    "2 GHz": (lambda path: with_header(path, 24, 2_000_000_000), "a sample rate of 2,000,000,000 Hz, expected"),
+    "100 channels": (lambda path: write_audio(path, np.zeros((50, 100))), "100 channels, at most 64 are read"),
+    "two data chunks": (lambda path: with_chunks(path, after=b"data\4\0\0\0abcd"), "a second data chunk"),
+    "empty chunks": (lambda path: with_chunks(path, before=b"note\0\0\0\0" * 2000), "cut off before its audio"),
+    "sizes cut off": (
+        lambda path: path.write_bytes(b"RF64\xff\xff\xff\xffWAVEds64\x1c\0\0\0abc"),
+        "cut off before its audio",
+    ),
+    "large samples": (
+        lambda path: write_wav(path, with_nan(4000, 1e38)),
+        r"sample at 0\.250 s is not a finite .* 4\.3e\+09",
+    ),
     "empty": (lambda path: path.write_bytes(b""), "the file is empty"),
     "text": (lambda path: path.write_text("This is no sound at all.\n"), "no audio file"),
     "LFS pointer": (lambda path: path.write_text("version https://git-lfs.github.com/spec/v1\n"), "Git LFS pointer"),

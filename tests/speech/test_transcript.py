@@ -174,6 +174,9 @@ def test_an_empty_cell_is_no_word(read):
 # --- what is refused ----------------------------------------------------------------------------------------
 
 BROKEN = {
+    "a time without end": ("0\t1\ta\n0\t1e308\tb\n", 2, "column 2 is '1e308', not a time in seconds"),
+    "a time with an underscore": ("1_0\t11\ta\n", 1, "column 1 is '1_0', not a time in seconds"),
+    "an Arabic time": ("٣\t4\ta\n", 1, "column 1 is '٣', not a time in seconds"),
     "letters for the start": ("0\t1\ta\nx\t2\tb\n", 2, "column 1 is 'x', not a time in seconds"),
     "letters for the end": ("0\t1\ta\n1\ttwo\tb\n", 2, "column 2 is 'two', not a time in seconds"),
     "a header": ("start\tend\ttext\n0\t1\ta\n", 1, "column 1 is 'start', not a time .*no header line"),

@@ -1,0 +1,290 @@
+"""What is fuzzed: every reader of files that users hand in, with good inputs to damage and what must hold of results."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import soundfile
+
+from gesturegen import inputs, recordings
+from gesturegen.config import Config, load_config
+from gesturegen.motion import bvh, positions
+from gesturegen.motion.skeleton import Motion, Skeleton
+from gesturegen.speech import audio, transcript
+from tests.builders import ARM, ARM_ROW, bursts, bvh_text, chain, random_motion
+
+# A keyword list of one word saves reading the one that comes with gesturegen.
+_BRIEF = "keywords.words={hey: hey}"
+_YAML_TOKENS = (
+    ": ", "\n", "  ", "- ", "[", "]", "{", "}", ", ", "'", '"', "#", "|", ">", "&a ", "*a", "<<: ", "!!int ", "!x ", "---\n",
+    "...\n", "? ", "%YAML 1.2\n", "~", "null", "true", "no", "010", "1:30", "2020-13-45", ".inf", "-.nan", "1e999", "0x1F", "9" * 30,
+    "9" * 4301, "\\U00110000", '"\\ud800"', '"\\n"', "\t", "\x00", "\x1b", "\u2028", "\ufeff", "é", "[" * 60, "- " * 60, "=", "1_0",
+)  # fmt: skip
+_CSV_TOKENS = (
+    ",",
+    '"',
+    "\n",
+    "\r",
+    '""',
+    ";",
+    "\t",
+    "<<<<<<< a",
+    "=======",
+    "\x00",
+    "\x1b",
+    " ",
+    "\ufeff",
+    "1e999",
+    "nan",
+    "é",
+)
+_BVH_TOKENS = (
+    "HIERARCHY", "ROOT a", "JOINT b", "End Site", "OFFSET 0 0 0", "CHANNELS 3 Xrotation Yrotation Zrotation", "CHANNELS ²",
+    "{", "}", "MOTION", "Frames: 3", "Frames: 99999999", "Frames:", "Frame Time: 0.03", "Frame Time: 1e-9", "\n", "\r", "\t", "1e200",
+    "1e999", "nan", "inf", "1_0", "٣", "-", "<<<<<<<", "\x00", "\x1b", "\u2028", "0 " * 50,
+)  # fmt: skip
+_TSV_TOKENS = (
+    "\t",
+    "\n",
+    "\r",
+    "1e308",
+    "-1e308",
+    "nan",
+    "1_0",
+    "#",
+    "word",
+    "two words",
+    "<<<<<<<",
+    "\x00",
+    "\x1b",
+    "0",
+    "-1",
+)
+
+
+@dataclass(frozen=True)
+class Target:
+    """A reader: seeds are inputs that it accepts, tokens what its format is made of; `holds` checks what it returns."""
+
+    seeds: tuple[bytes, ...]
+    tokens: tuple[bytes, ...]
+    suffix: str
+    read: Callable[[Path], Any]
+    holds: Callable[[Path, Any], None]
+    binary: bool = False
+
+
+def _text_target(seeds, tokens, suffix, read, holds) -> Target:
+    return Target(
+        tuple(seed.encode() for seed in seeds), tuple(token.encode() for token in tokens), suffix, read, holds
+    )
+
+
+# --- configs ------------------------------------------------------------------------------------------------
+
+
+def _config_holds(_: Path, config: Config) -> None:
+    again = Config.model_validate_json(config.model_dump_json(by_alias=True))
+    assert again == config and again.signature() == config.signature()
+
+
+def _keywords_hold(path: Path, config: Config) -> None:
+    _config_holds(path, config)
+    assert all(word == word.lower() and len(word.split()) == 1 for word in config.keywords.words)
+
+
+def _read_set(path: Path) -> Config:
+    """Each line of the file as a `--set`."""
+    lines = path.read_bytes().decode("utf-8", "surrogateescape").split("\n")
+    return load_config(None, [_BRIEF, *(line for line in lines if line)])
+
+
+def _read_pins(path: Path) -> dict:
+    config = load_config(None, [_BRIEF, "references={mode: list, list: pins}"])
+    config = config.model_copy(update={"references": config.references.model_copy(update={"list_file": str(path)})})
+    return recordings.choose_references(["test_a", "test_b"], dict.fromkeys(["ref_1", "ref_2"]), {}, config)
+
+
+def _pins_hold(_: Path, pins: dict) -> None:
+    assert set(pins) == {"test_a", "test_b"}
+    assert all(names and set(names) <= {"ref_1", "ref_2"} for names in pins.values())
+
+
+def _read_control(path: Path) -> Config:
+    return load_config(None, [_BRIEF, "search=global", f"control.file={path}"])
+
+
+def _read_corrections(path: Path) -> Config:
+    return load_config(None, [_BRIEF, "gesture_master.rhythm.bits=4", f"gesture_master.rhythm.corrections_file={path}"])
+
+
+def _read_style_targets(path: Path) -> Config:
+    return load_config(None, [_BRIEF, f"gesture_master.style={{source: targets, targets_file: {path}}}"])
+
+
+def _read_metadata(path: Path) -> dict[str, str | None]:
+    return {recording.name: recording.speaker for recording in recordings.list_recordings(path.parent)}
+
+
+def _metadata_holds(_: Path, speakers: dict[str, str | None]) -> None:
+    assert set(speakers) == {"a_main-agent", "b"}
+    assert all(text is None or (text and text == text.strip()) for text in speakers.values())
+    assert not any(inputs.control_character(text or "") for text in speakers.values())
+
+
+# --- motion -------------------------------------------------------------------------------------------------
+
+
+def _motion_holds(path: Path, motion: Motion) -> None:
+    assert motion.n_frames > 0 and 0.99 <= motion.fps <= 10_001
+    assert np.isfinite(motion.rotations).all() and np.abs(motion.positions).max() <= 1e6
+    np.testing.assert_allclose(np.linalg.norm(motion.rotations, axis=-1), 1.0, atol=1e-9)
+    again = path.with_name("again.bvh")
+    bvh.write(again, motion)
+    back = bvh.read(again)
+    assert motion.skeleton.difference(back.skeleton) is None and back.n_frames == motion.n_frames
+    np.testing.assert_allclose(back.positions, motion.positions, atol=1e-5)
+    np.testing.assert_allclose(np.abs(np.sum(back.rotations * motion.rotations, axis=-1)), 1.0, atol=1e-6)
+
+
+def _skeleton_holds(_: Path, skeleton: Skeleton) -> None:
+    assert len(set(skeleton.names)) == len(skeleton.names) <= bvh.MOST_JOINTS
+    assert np.abs(skeleton.offsets).max() <= 1e6 and not (np.abs(skeleton.end_sites) > 1e6).any()
+
+
+def _positions_hold(path: Path, found: np.ndarray) -> None:
+    assert found.dtype == np.float64 and found.ndim == 3 and found.shape[2] == 3 and found.size
+    assert np.abs(found).max() < 1e6
+    with np.load(path) as stored:
+        np.testing.assert_array_equal(found, stored["positions"].astype(np.float64))
+
+
+def _npz(**arrays) -> bytes:
+    file = io.BytesIO()
+    np.savez(file, **arrays)
+    return file.getvalue()
+
+
+def _packed(**arrays) -> bytes:
+    file = io.BytesIO()
+    np.savez_compressed(file, **arrays)
+    return file.getvalue()
+
+
+# --- speech -------------------------------------------------------------------------------------------------
+
+
+def _samples_hold(path: Path, found: tuple[np.ndarray, int]) -> None:
+    samples, rate = found
+    low, high = audio.SAMPLE_RATES
+    assert samples.dtype == np.float32 and samples.ndim == 1 and len(samples)
+    assert np.isfinite(samples).all() and low <= rate <= high
+    with soundfile.SoundFile(path) as file:
+        if file.frames < 2**40:  # else the header does not tell how many there are
+            assert len(samples) == file.frames
+            np.testing.assert_array_equal(samples, file.read(dtype="float32", always_2d=True).mean(axis=1))
+
+
+def _sound(channels: int = 1, **options) -> bytes:
+    file = io.BytesIO()
+    samples = np.tile(bursts([0.02], 0.1, 8000)[:, None], channels)
+    soundfile.write(file, samples, 8000, **options)
+    return file.getvalue()
+
+
+def _sounds(seeds: tuple[bytes, ...], suffix: str) -> Target:
+    tokens = (
+        b"RIFF",
+        b"WAVE",
+        b"fmt ",
+        b"data",
+        b"ds64",
+        b"LIST",
+        b"fLaC",
+        b"OggS",
+        b"\0\0\0\0",
+        b"\xff\xff\xff\xff",
+        b"\x7f",
+    )
+    return Target(seeds, tokens, suffix, audio.read_samples, _samples_hold, binary=True)
+
+
+def _words_hold(_: Path, found: tuple) -> None:
+    words, notes = found
+    assert all(0 <= word.start <= word.end <= 5 for word in words)
+    assert all(word.text and word.text == transcript.normalize(word.text) for word in words)
+    assert [word.start for word in words] == sorted(word.start for word in words)
+    assert all(math.isfinite(word.end) and word.frames(30.0)[1] > word.frames(30.0)[0] for word in words)
+    assert not any(inputs.control_character(note) for note in notes)
+
+
+TARGETS = {
+    "config": _text_target(
+        (
+            "seed: 3\nfps: 30\nblacklist: [a, 'b*']\nexclude:\n- {clip: a, from: 0, to: 1.5}\n",
+            "method: gesture_master # comment\nprosody:\n  enabled: true\ncontinuity: {l_pn: 1, lambda_pos: 1e-3}\n"
+            'paths:\n  data: "x y"\njoints: all\ngesture_master:\n  upper:\n    delta_t: null\n    delta_quantile: 0.25\n',
+        ),
+        _YAML_TOKENS, ".yaml", lambda path: load_config(path, [_BRIEF]), _config_holds,
+    ),
+    "set": _text_target(
+        ("seed=3\ncontinuity.l_pn=1\nblacklist=[a, b]", "beam={l_npaths: 3}\nonsets.min_strength=1.0e-3\npaths.data=a=b"),
+        ("=", ".", "..", *_YAML_TOKENS), ".txt", _read_set, _config_holds,
+    ),
+    "keywords": _text_target(
+        ("hey: hey\nHello: hello\nno: negation\n'yes': yes\n",), _YAML_TOKENS, ".yaml",
+        lambda path: load_config(None, [f"keywords.file={path}"]), _keywords_hold,
+    ),
+    "control": _text_target(
+        (
+            "conditions:\n- {clip: 'a*', measure: height, hand: left, at_least: 85%, from: 1, to: 2.5}\n"
+            "- {measure: speed, at_most: 9, hard: false, price: 2}\ngestures:\n- {word: hey, gesture: wave}\n",
+        ),
+        _YAML_TOKENS, ".yaml", _read_control, _config_holds,
+    ),
+    "references list": _text_target(
+        ("test_a: ref_1\ntest_b: [ref_1, ref_2]\n",), _YAML_TOKENS, ".yaml", _read_pins, _pins_hold
+    ),
+    "corrections": _text_target(
+        ("clip,start,bits\na,1.5,0101\nb,2,1111\n",), _CSV_TOKENS, ".csv", _read_corrections, _config_holds
+    ),
+    "style targets": _text_target(
+        ("clip,from,to,speed,radius,height\na,0,1.5,30,,\nb,1,2,,5.5,-3\n",),
+        _CSV_TOKENS, ".csv", _read_style_targets, _config_holds,
+    ),
+    "metadata": _text_target(
+        ('prefix,main-agent_id,note\na,1,"x, y"\nb, 2 ,z\n', "\ufeffmain-agent_id,prefix\r\n1,a\r\n1,b\r\n"),
+        _CSV_TOKENS, "/metadata.csv", _read_metadata, _metadata_holds,
+    ),
+    "BVH": _text_target(
+        (
+            bvh_text(), bvh_text([ARM_ROW, ARM_ROW.replace("50.0", "-1e1")], frame_time="0.0083333"),
+            bvh.format_bvh(random_motion(chain(4), 4)),
+        ),
+        _BVH_TOKENS, ".bvh", bvh.read, _motion_holds,
+    ),
+    "skeleton": _text_target((ARM + "MOTION\n",), _BVH_TOKENS, ".bvh", bvh.read_skeleton, _skeleton_holds),
+    "WAV": _sounds(
+        (_sound(format="WAV"), _sound(2, format="WAV", subtype="FLOAT"), _sound(format="RF64"), _sound(3, format="WAVEX")), ".wav"
+    ),
+    "FLAC": _sounds((_sound(format="FLAC"), _sound(2, format="FLAC", subtype="PCM_24")), ".flac"),
+    "OGG": _sounds((_sound(format="OGG"), _sound(2, format="OGG")), ".ogg"),
+    "transcript": _text_target(
+        ("0.1\t0.4\thello there\n0.5\t0.9\tone\n1.0\t1.2\t#\n", "0 1 hi\r\n1 2 two words\r\n4.9 9.5 é\r\n"),
+        _TSV_TOKENS, ".tsv", lambda path: transcript.read(path, 5.0), _words_hold,
+    ),
+    "positions": Target(
+        (
+            _npz(positions=np.arange(60.0).reshape(5, 4, 3)), _npz(fps=np.array(30), positions=np.ones((2, 3, 3), ">f4")),
+            _packed(positions=np.asfortranarray(np.arange(60).reshape(5, 4, 3))),
+        ),
+        (b"PK\x03\x04", b"PK\x01\x02", b"PK\x05\x06", b"positions.npy", b"'<f8'", b"'|b1'", b"'<M8'", b"'|O'", b"NaN", b"(9999999999, 4, 3)"),
+        ".npz", positions.read, _positions_hold, binary=True,
+    ),
+}  # fmt: skip

@@ -1,0 +1,121 @@
+"""Files that users hand in: what is opened, and the one line about what is not."""
+
+import os
+import socket
+from pathlib import Path
+
+import pytest
+
+from gesturegen import inputs
+from gesturegen.config import load_config
+from gesturegen.errors import ConfigError, DataError
+from gesturegen.files import sha256
+from gesturegen.motion import bvh, positions
+from gesturegen.speech import audio, transcript
+from tests.builders import refused
+
+
+def fifo(path):
+    os.mkfifo(path)
+
+
+def listening(path):
+    with socket.socket(socket.AF_UNIX) as made:
+        # The path of a socket is short, that of a test's folder is not.
+        here = os.getcwd()
+        os.chdir(path.parent)
+        try:
+            made.bind(path.name)
+        finally:
+            os.chdir(here)
+
+
+def loop(path):
+    path.symlink_to(path)
+
+
+NO_FILES = {
+    "pipe": (fifo, "it is a pipe, not a file"),
+    "socket": (listening, "it is a socket, not a file"),
+    "endless device": (lambda path: path.symlink_to("/dev/zero"), "it is a device, not a file"),
+    "terminal": (lambda path: path.symlink_to("/dev/tty"), "it is a device, not a file|cannot be read"),
+    "folder": (lambda path: path.mkdir(), "Is a directory"),
+    "link to itself": (loop, "Too many levels of symbolic links"),
+    "link to nothing": (lambda path: path.symlink_to("nowhere"), "No such file"),
+    "missing": (lambda path: None, "No such file"),
+}
+READERS = {
+    "bvh": (bvh.read, DataError),
+    "skeleton": (bvh.read_skeleton, DataError),
+    "wav": (audio.read_samples, DataError),
+    "tsv": (lambda path: transcript.read(path, 5.0), DataError),
+    "npz": (positions.read, DataError),
+    "hash": (sha256, DataError),
+    "config": (load_config, ConfigError),
+}
+
+
+@pytest.mark.parametrize(("make", "match"), NO_FILES.values(), ids=NO_FILES)
+def test_no_reader_waits_for_what_is_no_file(tmp_path, make, match):
+    path = tmp_path / "a\nb"
+    make(path)
+    assert not inputs.is_file(path)
+    for read, kind in READERS.values():
+        with refused(kind, match, r"a\nb: cannot be read ("):
+            read(path)
+
+
+@pytest.mark.parametrize("path", ["a\0b", "a\udcffb", "a" * 300, "b/" * 3000])
+def test_paths_that_no_file_can_have(path):
+    assert not inputs.is_file(path) and not inputs.is_dir(path)
+    with refused(DataError, "cannot be read"):
+        inputs.open_regular(path)
+    with refused(ConfigError, "does not exist|control character|keywords.*(NUL|not valid YAML)"):
+        load_config(None, [f"keywords.file={path}"])
+
+
+def test_a_file_larger_than_allowed_is_refused_and_one_of_that_size_is_read(tmp_path):
+    path = tmp_path / "a"
+    path.write_bytes(b"12345")
+    assert inputs.read_bytes(path, 5) == b"12345"
+    with refused(ConfigError, r"0\.0 MB, more than the 4e-06 MB that are read", path):
+        inputs.read_bytes(path, 4, ConfigError)
+
+
+def test_a_file_that_grows_while_it_is_read_is_refused(tmp_path, monkeypatch):
+    path = tmp_path / "a"
+    path.write_bytes(b"12345")
+    really = inputs.open_regular
+
+    def grown(*args):
+        file = really(*args)
+        with path.open("ab") as more:
+            more.write(b"6789")
+        return file
+
+    monkeypatch.setattr(inputs, "open_regular", grown)
+    with refused(DataError, "more than the .* that are read", path):
+        inputs.read_bytes(path, 6)
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [("1", 1.0), ("-1.5", -1.5), ("+.5", 0.5), ("2.", 2.0), ("1e-3", 1e-3), (" 1E+2\t", 100.0)]
+    + [(text, None) for text in ("", ".", "e5", "1_0", "٣", "²", "nan", "inf", "0x1", "1 2", "1e", "9" * 500)],
+)
+def test_numbers_are_decimal(text, number):
+    assert inputs.decimal(text) == number
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [("a b é", "a b é"), ("a\nb\tc", r"a\nb\tc"), ("\udcff\x1b\u2028", r"\udcff\x1b\u2028"), (Path("x/y"), "x/y")],
+)
+def test_what_is_shown_stands_on_one_line(text, shown):
+    assert inputs.shown(text) == shown
+    assert len(inputs.shown("\n" * 5000)) < 500
+
+
+def test_folders_whose_names_no_file_can_hold_are_refused():
+    with refused(ConfigError, r"out.udcff: the name holds U\+DCFF; rename the folder \(paths\.work\)"):
+        load_config(None, (), {"paths.work": "out\udcff"})
