@@ -42,6 +42,9 @@ def for_each(tasks: Mapping[str, Callable[[], Any]], jobs: int, label: str, quie
     """
     import joblib
 
+    from gesturegen import warm_up
+
+    warm_up.prepare(label, quiet)
     jobs = min(jobs, len(tasks))
     outcome = Outcome()
     names = sorted(tasks)
