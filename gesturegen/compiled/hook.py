@@ -61,12 +61,13 @@ class Entries:
 
     def save(self, key: Any, data: Any) -> None:
         # What was compiled stands first in a pickle of its own, so that it is compared before the code is unpickled.
-        store.keep(self._entry(key), dumps((self._stamp, key)) + dumps(data))
+        # The name is part of it: two functions of one file may have the same bytecode and differ in what they call.
+        store.keep(self._entry(key), dumps((self._name, self._stamp, key)) + dumps(data))
 
     def load(self, key: Any) -> Any:
         entry = self._entry(key)
         for stored in store.read(entry):
-            if pickle.load(stored) == (self._stamp, key):
+            if pickle.load(stored) == (self._name, self._stamp, key):
                 store.used.add(entry)
                 return pickle.load(stored)
         return None
