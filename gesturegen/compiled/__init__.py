@@ -8,6 +8,7 @@ and calling it ends the process by a signal. Whatever is imported through this r
 from __future__ import annotations
 
 import sys
+from functools import cache
 from types import ModuleType
 
 import numba
@@ -25,17 +26,18 @@ def is_switched_on() -> bool:
     return not numba.config.DISABLE_JIT
 
 
+@cache
 def load_librosa() -> ModuleType:
     """Import librosa, whose compiled loops are kept like ours."""
     imported_before = "librosa" in sys.modules
     import librosa
 
     if imported_before and is_switched_on():
-        _adopt(librosa)
+        adopt(librosa)
     return librosa
 
 
-def _adopt(package: ModuleType) -> None:
+def adopt(package: ModuleType) -> None:
     """Keep the loops of a package that the calling program had imported before us in our store from now on."""
     for name, module in list(sys.modules.items()):
         if name.partition(".")[0] != package.__name__:

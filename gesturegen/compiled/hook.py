@@ -96,7 +96,7 @@ def install() -> None:
 
 def is_kept_elsewhere(loop: Any) -> bool:
     """Whether numba keeps the compiled code of `loop`, but not in our store."""
-    return isinstance(loop._cache, caching.FunctionCache) and loop._cache.cache_path != _OURS
+    return isinstance(getattr(loop, "_cache", None), caching.FunctionCache) and loop._cache.cache_path != _OURS
 
 
 @cache

@@ -6,9 +6,12 @@ import resource
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
+import numba
 import pytest
 
+from gesturegen import compiled
 from gesturegen.compiled import hook, store
 
 PAYLOAD = b"compiled code"
@@ -125,3 +128,18 @@ def test_a_lock_that_is_never_given_back_is_not_waited_for_for_ever(cache):
 
 def test_loops_of_other_programs_stay_where_they_are():
     assert hook.Locator.from_function(kept, __file__) is None
+
+
+def test_loops_that_a_program_imported_before_us_are_kept_by_us_from_then_on(cache, monkeypatch):
+    def double(x):
+        return 2 * x
+
+    loop = numba.njit(cache=True)(double)
+    assert hook.is_kept_elsewhere(loop) == compiled.is_switched_on()
+    double.__module__ = "librosa.made_up"
+    module = ModuleType("librosa.made_up")
+    module.loop = loop
+    monkeypatch.setitem(sys.modules, "librosa.made_up", module)
+    compiled.adopt(ModuleType("librosa"))
+    assert loop(3) == 6
+    assert len(list(cache.glob("*double-*.compiled"))) == compiled.is_switched_on()
