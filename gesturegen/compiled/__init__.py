@@ -7,6 +7,7 @@ and calling it ends the process by a signal. Whatever is imported through this r
 
 from __future__ import annotations
 
+import os
 import sys
 from functools import cache
 from types import ModuleType
@@ -14,7 +15,7 @@ from types import ModuleType
 import numba
 from numba.core.dispatcher import Dispatcher
 
-from gesturegen.compiled import hook
+from gesturegen.compiled import hook, store
 
 hook.install()
 
@@ -32,9 +33,27 @@ def load_librosa() -> ModuleType:
     imported_before = "librosa" in sys.modules
     import librosa
 
+    if not imported_before:
+        _import_for_the_homeless()
     if imported_before and is_switched_on():
         adopt(librosa)
     return librosa
+
+
+def _import_for_the_homeless() -> None:
+    """Import the part of librosa that asks for the user's home, which is an error for a user who has none."""
+    if os.path.isabs(os.path.expanduser("~")) or os.path.isabs(os.environ.get("XDG_CACHE_HOME", "")):
+        return
+    before = os.environ.get("XDG_CACHE_HOME")
+    # It is where examples would be downloaded to, and nothing of ours does that.
+    os.environ["XDG_CACHE_HOME"] = str(store.folders()[-1].parent)
+    try:
+        import librosa.util.files  # noqa: F401
+    finally:
+        if before is None:
+            del os.environ["XDG_CACHE_HOME"]
+        else:
+            os.environ["XDG_CACHE_HOME"] = before
 
 
 def adopt(package: ModuleType) -> None:
