@@ -17,7 +17,7 @@ install: $(VENV)/installed  ## a virtual environment with everything in it
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
-	$(BIN)/python scripts/warm_up.py
+	$(BIN)/python -m gesturegen.warm_up
 	touch $@
 
 demo: install  ## all four commands on a synthetic dataset, in demo/

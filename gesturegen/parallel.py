@@ -47,6 +47,9 @@ def for_each(
     the same for any `jobs`. With one job, or one task, everything runs in this process; `fresh` gives every task a
     process of its own instead. A task whose process dies is an error that names the signal; the others go on.
     """
+    from gesturegen import warm_up
+
+    warm_up.prepare(label, quiet)
     outcome = Outcome()
     guarded = {name: partial(_guarded, tasks[name]) for name in sorted(tasks)}
     with _stage(label, len(guarded), quiet) as bar:

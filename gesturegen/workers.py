@@ -14,10 +14,11 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import traceback
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from multiprocessing.connection import Connection, wait
+from concurrent.futures import ThreadPoolExecutor
+from multiprocessing.connection import Connection
 from typing import Any
 
 from gesturegen import supervision, workspace
@@ -64,12 +65,10 @@ class Worker:
         """What the task returned; EOFError or OSError when the worker died."""
         return pickle.loads(self.connection.recv_bytes())
 
-    def end(self, at_once: bool = False) -> int:
-        """End the process, which may still be at a task only with `at_once`; its exit code."""
+    def end(self) -> int:
+        """End the process, which has no task; its exit code."""
         self.connection.close()
         self.socket.close()
-        if at_once:
-            self.process.kill()
         try:
             return self.process.wait(_SECONDS_TO_END)
         except subprocess.TimeoutExpired:
@@ -77,16 +76,10 @@ class Worker:
             return self.process.wait()
 
 
+# The kernel ends a worker with the thread that started it, so all are started by one that lasts.
+_starter = ThreadPoolExecutor(max_workers=1)
+_hiring = threading.Lock()
 _idle: list[Worker] = []
-
-
-def _hire(fresh: bool) -> Worker:
-    while _idle and not fresh:
-        worker = _idle.pop()
-        if worker.process.poll() is None:
-            return worker
-        worker.end()
-    return Worker()
 
 
 @atexit.register
@@ -96,69 +89,101 @@ def dismiss() -> None:
         _idle.pop().end()
 
 
+class _Crew:
+    """Workers at one stage's tasks, one for each thread that asks for an answer."""
+
+    def __init__(self, fresh: bool) -> None:
+        self.fresh = fresh
+        self.busy: set[Worker] = set()
+        self.ended = False
+
+    def answer(self, name: str, task: Callable[[], tuple[str, Any]]) -> tuple[str, str, Any]:
+        """Name, kind and value of a task that a worker runs; of the kind `dead`, with its exit code, if it died."""
+        try:
+            data = pickle.dumps((os.getcwd(), task), pickle.HIGHEST_PROTOCOL)
+        except Exception:
+            return name, "bugs", traceback.format_exc()
+        for _ in range(_MOST_STARTS):
+            worker = self._hire()
+            try:
+                worker.send(data)
+            except OSError:  # died while it had nothing to do, or as it started
+                code = self._end(worker)
+                continue
+            try:
+                kind, value = worker.receive()
+            except (EOFError, OSError):
+                code = self._end(worker)
+                break
+            if self.fresh:
+                self._end(worker)
+            else:
+                with _hiring:
+                    self.busy.discard(worker)
+                    _idle.append(worker)
+            return name, kind, value
+        return name, "dead", code
+
+    def _hire(self) -> Worker:
+        with _hiring:
+            if self.ended:
+                raise RuntimeError("no more tasks are wanted")
+            while _idle and not self.fresh:
+                worker = _idle.pop()
+                if worker.process.poll() is None:
+                    break
+                worker.end()
+            else:
+                worker = _starter.submit(Worker).result()
+            self.busy.add(worker)
+            return worker
+
+    def _end(self, worker: Worker) -> int:
+        with _hiring:
+            self.busy.discard(worker)
+        return worker.end()
+
+    def kill(self) -> None:
+        """End the workers that are at a task; no more are hired."""
+        with _hiring:
+            self.ended = True
+            for worker in self.busy:
+                worker.process.kill()
+
+
 def run(
     tasks: Mapping[str, Callable[[], tuple[str, Any]]], jobs: int, fresh: bool, say: Callable[[str], None]
 ) -> Iterator[tuple[str, str, Any]]:
     """Run every task in one of `jobs` workers; yields `(name, kind, value)` as they end.
 
+    joblib hands out the tasks, to threads that wait for what a worker answers. (Its own worker processes go on when
+    their parent is killed, and the death of one ends all tasks without telling whose it was.)
+
     tasks : name -> what returns `(kind, value)`. A task whose worker dies is of the kind `errors`, with the signal and
     what is likely; the others go on. One that was killed, as for lack of memory, is tried again at the end, alone.
     fresh : a new process for each task; say : is told what is tried again
     """
-    todo, alone = deque(sorted(tasks)), deque()
-    busy: dict[Connection, tuple[Worker, str]] = {}
-    tried: set[str] = set()
+    import joblib
+
+    crew, killed = _Crew(fresh), []
+    parallel = joblib.Parallel(n_jobs=jobs, backend="threading", batch_size=1, return_as="generator_unordered")
+    results = parallel(joblib.delayed(crew.answer)(name, tasks[name]) for name in sorted(tasks))
     try:
-        while todo or busy or alone:
-            while todo and len(busy) < jobs:
-                yield from _begin(todo.popleft(), tasks, busy, fresh)
-            if not busy and alone:
-                dismiss()
-                yield from _begin(alone.popleft(), tasks, busy, fresh)
-            for connection in wait(list(busy)):
-                worker, name = busy.pop(connection)
-                try:
-                    kind, value = worker.receive()
-                except (EOFError, OSError):
-                    code = worker.end()
-                    if code == -signal.SIGKILL and name not in tried:
-                        tried.add(name)
-                        alone.append(name)
-                        say(
-                            f"{name}: its worker was ended by SIGKILL, most likely out of memory; tried again at the end"
-                        )
-                        continue
-                    yield name, "errors", _describe_death(code, name in tried)
-                    continue
-                if fresh:
-                    worker.end()
-                else:
-                    _idle.append(worker)
+        for name, kind, value in results:
+            if kind != "dead":
                 yield name, kind, value
+            elif value == -signal.SIGKILL:
+                killed.append(name)
+                say(f"{name}: its worker was ended by SIGKILL, most likely out of memory; tried again at the end")
+            else:
+                yield name, "errors", _describe_death(value, False)
+        for name in sorted(killed):
+            dismiss()
+            _, kind, value = crew.answer(name, tasks[name])
+            yield (name, "errors", _describe_death(value, True)) if kind == "dead" else (name, kind, value)
     finally:
-        for worker, _ in busy.values():
-            worker.end(at_once=True)
-
-
-def _begin(
-    name: str, tasks: Mapping, busy: dict[Connection, tuple[Worker, str]], fresh: bool
-) -> Iterator[tuple[str, str, Any]]:
-    """Give a task to a worker; yields its end when it cannot be sent."""
-    try:
-        data = pickle.dumps((os.getcwd(), tasks[name]), pickle.HIGHEST_PROTOCOL)
-    except Exception:
-        yield name, "bugs", traceback.format_exc()
-        return
-    for _ in range(_MOST_STARTS):
-        worker = _hire(fresh)
-        try:
-            worker.send(data)
-        except OSError:  # died while it had nothing to do, or as it started
-            code = worker.end()
-            continue
-        busy[worker.connection] = worker, name
-        return
-    yield name, "errors", _describe_death(code, False)
+        crew.kill()
+        results.close()
 
 
 def _describe_death(code: int, again: bool) -> str:

@@ -11,7 +11,7 @@ ROOMS = [
     {"errors", "supervision"},
     {"inputs"},
     {"extras", "files", "randomness", "runs", "strict_csv", "strict_yaml"},
-    {"workspace", "stored"},
+    {"workspace", "stored", "compiled"},
     {"workers"},
     {"config"},
     {"motion"},
@@ -34,6 +34,7 @@ ROOMS = [
     {"report"},
     {"video", "inspection", "export"},
     {"demo"},
+    {"warm_up"},
     {"parallel"},
     {"pipeline"},
     {"console"},
@@ -74,6 +75,17 @@ def test_imports_only_from_rooms_above(path):
 def test_metrics_know_no_method():
     for path in PACKAGE.glob("metrics/*.py"):
         assert imported_rooms(path) <= {"metrics", "motion", "errors"}, path
+
+
+def test_numba_and_librosa_come_in_by_one_door():
+    """Else their caches could be torn."""
+    for path in FILES:
+        nodes = [
+            node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Import | ast.ImportFrom)
+        ]
+        names = {name for node in nodes for name in [getattr(node, "module", None), *(a.name for a in node.names)]}
+        packages = {(name or "").partition(".")[0] for name in names} & {"numba", "librosa", "llvmlite"}
+        assert not packages or room_of(path) == "compiled", f"{path} imports {packages}"
 
 
 def test_the_readme_lists_every_room():

@@ -8,8 +8,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
+
+from gesturegen.compiled import njit
 
 
 class Side(NamedTuple):
@@ -32,7 +33,7 @@ _TILE = 64
 _ARCSINE = tuple(math.comb(2 * k, k) / (4**k * (2 * k + 1)) for k in range(17))
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _distances(left, right, out):
     """The distances `out` between points [shape=(3, N)]."""
     for k in range(left.shape[1]):
@@ -41,7 +42,7 @@ def _distances(left, right, out):
 
 
 # A check for division by zero would keep the loop from running on several numbers at once.
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _angles(left, right, out):
     """The angles `out` between rotations [shape=(4, N)] in radians."""
     for k in range(left.shape[1]):
@@ -74,7 +75,7 @@ def _angles(left, right, out):
         out[k] = 8.0 * (np.sqrt(square) * total)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _sum(terms):
     """The sum in one fixed order: four sums run beside each other, for speed."""
     a = b = c = d = 0.0
@@ -89,7 +90,7 @@ def _sum(terms):
     return (a + b) + (c + d)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _cost(ends, starts, p, q, lambda_1, lambda_2, limit, distances, angles):
     """The transition cost from clip p to clip q; of the positions alone where these already reach the limit.
 
@@ -103,7 +104,7 @@ def _cost(ends, starts, p, q, lambda_1, lambda_2, limit, distances, angles):
     return cost
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def costs(ends, starts, lefts, rights, lambda_1, lambda_2):
     """The transition costs [shape=(N,)] of pairs of clips."""
     distances, angles = np.empty(ends.points.shape[2]), np.empty(ends.turns.shape[2])
@@ -113,7 +114,7 @@ def costs(ends, starts, lefts, rights, lambda_1, lambda_2):
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def below(ends, starts, first, last, lambda_1, lambda_2, limit, reach):
     """The costs float32 [shape=(last - first, C)] to the clips from `first`, from all clips; -1 for `limit` or more.
 
@@ -137,7 +138,7 @@ def below(ends, starts, first, last, lambda_1, lambda_2, limit, reach):
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _add_apart(lefts, rights, begin, stop, q, weight, bounds):
     """Add `weight` times the distances between vectors [shape=(J, D, C)] of clips `begin` to `stop` and clip q."""
     squares = np.empty(_TILE)

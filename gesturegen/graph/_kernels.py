@@ -5,11 +5,12 @@ No fast-math: sums run in one fixed order, so that a distance has the same bits 
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from gesturegen.compiled import njit
 
-@numba.njit(cache=True, nogil=True)
+
+@njit(cache=True, nogil=True)
 def distance(left, right, left_velocity, right_velocity, lambda_pos, lambda_vel):
     """The pose distance of §4.1.2 between two flattened poses and velocities."""
     total = 0.0
@@ -23,7 +24,7 @@ def distance(left, right, left_velocity, right_velocity, lambda_pos, lambda_vel)
     return lambda_pos * np.sqrt(total) + lambda_vel * np.sqrt(turn)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def distances(lefts, rights, poses, velocities, lambda_pos, lambda_vel):
     """The pose distances [shape=(K,)] of pairs of frames."""
     out = np.empty(len(lefts))
@@ -33,7 +34,7 @@ def distances(lefts, rights, poses, velocities, lambda_pos, lambda_vel):
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def thresholds(poses, velocities, ends, l_cn, lambda_pos, lambda_vel):
     """Mean distance of each frame to the next `l_cn` frames of its segment; NaN for a segment's last frame."""
     out = np.full(len(poses), np.nan)
@@ -48,7 +49,7 @@ def thresholds(poses, velocities, ends, l_cn, lambda_pos, lambda_vel):
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def confirm(first_left, mask, poses, velocities, limits, lambda_pos, lambda_vel):
     """Of the pairs marked in `mask` (left rows from `first_left`), those with distance below the left's limit.
 
@@ -80,14 +81,14 @@ def confirm(first_left, mask, poses, velocities, limits, lambda_pos, lambda_vel)
     return lefts[:count], rights[:count], weights[:count]
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _grown(array, capacity):
     out = np.empty(capacity, dtype=array.dtype)
     out[: len(array)] = array
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def thin_runs(lefts, rights, segments, l_pn):
     """Pruning 1: of each run of consecutive rights inside one segment, keep every `l_pn`-th from the first."""
     keep = np.zeros(len(lefts), dtype=np.bool_)
@@ -102,7 +103,7 @@ def thin_runs(lefts, rights, segments, l_pn):
     return keep
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def drop_neighbours(lefts, rights, starts, ends, l_pn):
     """Pruning 2: drop a candidate when the graph already holds an edge near it, in either direction.
 
@@ -136,7 +137,7 @@ def drop_neighbours(lefts, rights, starts, ends, l_pn):
     return keep
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _has_natural(left, right, starts, ends, l_pn):
     """Whether a natural edge a -> a + 1 joins the neighbourhoods of `left` and `right`, either way round."""
     if starts[left] != starts[right]:
@@ -149,7 +150,7 @@ def _has_natural(left, right, starts, ends, l_pn):
     return False
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _has_kept(near, far, kept, begins, stops, starts, ends, l_pn):
     """Whether an edge kept for an earlier left frame leads from near `near` to near `far`."""
     for a in range(max(near - l_pn, starts[near]), min(near + l_pn, ends[near]) + 1):
@@ -163,7 +164,7 @@ def _has_kept(near, far, kept, begins, stops, starts, ends, l_pn):
 _BOUND_ROUNDING = np.float32(1.0 - 1e-6)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def add_lower_bounds(lefts, products, halves, slack, weight, low):
     """Add to `low` [shape=(L, T)] what `weight` times the Euclidean distances at least are."""
     two, zero, slack = np.float32(2.0), np.float32(0.0), np.float32(slack)
@@ -175,7 +176,7 @@ def add_lower_bounds(lefts, products, halves, slack, weight, low):
             low[row, right] += weight * np.sqrt(max(apart, zero))
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def nearest(lefts, low, poses, velocities, lambda_pos, lambda_vel, nodes, distances):
     """Fill `nodes` and `distances` [shape=(L, count)] with the nearest other frames of each of `lefts`.
 
@@ -220,7 +221,7 @@ def nearest(lefts, low, poses, velocities, lambda_pos, lambda_vel, nodes, distan
             distances[row, k] = exact[order[k]]
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _replace_top(values, places, value, place):
     """Put one entry in place of the largest of a heap."""
     count = len(values)

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from gesturegen.compiled import njit
 from gesturegen.graph._kernels import distance
 
 _BANDS = 256
@@ -110,7 +110,7 @@ class Tables(NamedTuple):
     wanted: np.ndarray
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def solve(last_piece, pieces, prices, joins, tables):
     """Fill the tables of the pieces up to `last_piece`, backwards; those after it are filled already.
 
@@ -160,7 +160,7 @@ def solve(last_piece, pieces, prices, joins, tables):
         tables.first_costs[piece] = entered[:n_nodes]
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _step(here, ahead, entered, chosen, misfit, ending, leaving, holding):
     """Of the end, the natural edge and the hold edge the cheapest, for every node."""
     for node in range(len(chosen)):
@@ -178,7 +178,7 @@ def _step(here, ahead, entered, chosen, misfit, ending, leaving, holding):
         chosen[node] = action
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _bound_joins(piece, pieces, prices, joins, tables):
     """What remains to be paid after each node as a last one: exact after stop nodes, else a lower bound.
 
@@ -230,7 +230,7 @@ def _bound_joins(piece, pieces, prices, joins, tables):
         after[node], targets[node], exact[node] = cost, target, True
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _after_segment(node, best, to, first_costs, least, holding, joins):
     """The cheapest join after a segment's last node, which is its own successor."""
     if to == node:
@@ -244,7 +244,7 @@ def _after_segment(node, best, to, first_costs, least, holding, joins):
     return best, to
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _cheapest_near(ahead, first_costs, least, joins):
     """The cheapest node to join to among `ahead` and its nearest, its place, and whether others may be cheaper."""
     n_nodes, n_near = joins.near_nodes.shape
@@ -260,7 +260,7 @@ def _cheapest_near(ahead, first_costs, least, joins):
     return cheapest, where, open_
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _cheapest(froms, bounds, first_costs, least, joins):
     """For each of `froms` the cost of the cheapest join from it, and the node it leads to.
 
@@ -312,7 +312,7 @@ def _cheapest(froms, bounds, first_costs, least, joins):
     return best, to
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _cheaper(ahead, other, best, to, first_costs, joins):
     cost = first_costs[other] + _way(ahead, other, joins)
     if cost < best:
@@ -320,7 +320,7 @@ def _cheaper(ahead, other, best, to, first_costs, joins):
     return best, to
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _good(ahead, other, first_costs, least, joins):
     """A cheap node to join to from `ahead`, what it costs, and whether one beyond the nearest may be cheaper.
 
@@ -336,7 +336,7 @@ def _good(ahead, other, first_costs, least, joins):
     return best, to, joins.near_costs[ahead, n_near - 1] + least < best
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _way(node, other, joins):
     return distance(
         joins.poses[node], joins.poses[other], joins.velocities[node], joins.velocities[other],
@@ -344,7 +344,7 @@ def _way(node, other, joins):
     )  # fmt: skip
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _side_by_side(nodes, joins):
     """The sketches of some nodes in chunks [shape=(C, 2, M, _CHUNK)], so that they are compared many at a time."""
     n_terms = joins.sketch.shape[2]
@@ -356,7 +356,7 @@ def _side_by_side(nodes, joins):
     return chunks
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _sketch_costs(sketch, chunk, weights, low, apart):
     """Join costs `low` [shape=(_CHUNK,)] from one sketch [shape=(2, M)] to those of a chunk [shape=(2, M, _CHUNK)]."""
     low[:] = 0.0
@@ -372,7 +372,7 @@ def _sketch_costs(sketch, chunk, weights, low, apart):
             low[k] += weight * np.sqrt(apart[k])
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _candidates(first_costs, least, limit, joins):
     """The nodes worth joining to for less than `limit`, roughly by cost, and a lower bound of each one's cost.
 
@@ -404,7 +404,7 @@ def _candidates(first_costs, least, limit, joins):
     return nodes, bounds
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _is_dominated(node, first_costs, least, joins):
     cost = first_costs[node]
     for k in range(joins.near_nodes.shape[1]):
@@ -417,7 +417,7 @@ def _is_dominated(node, first_costs, least, joins):
     return False
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def first_node(before, holding, first_costs, joins):
     """The cheapest first node after a path that ends in `before`, or at all for -1.
 
@@ -434,7 +434,7 @@ def first_node(before, holding, first_costs, joins):
     return node
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def follow(first_node, pieces, joins, tables):
     """The best path: its nodes, the number of nodes of each piece, and the piece after which it is open, or -1."""
     n_nodes, n_pieces = len(joins.successors), len(pieces.starts)

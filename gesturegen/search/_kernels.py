@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from gesturegen.compiled import njit
 
-@numba.njit(cache=True, nogil=True)
+
+@njit(cache=True, nogil=True)
 def beam_search(
     indptr, indices, weights, stops, starts, natural_start, target, width, shortest, longest, lambda_w, lambda_len
 ):
@@ -88,18 +89,18 @@ def beam_search(
     return np.empty(0, dtype=np.int64), np.inf
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _cost(weight_sum, length, target, lambda_w, lambda_len):
     return lambda_w * weight_sum + lambda_len * abs(1.0 - length / target)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _copy(source, destination, length):
     for k in range(length):
         destination[k] = source[k]
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _grown(nodes, lengths, sums, capacity):
     more_nodes = np.empty((capacity, nodes.shape[1]), dtype=np.int64)
     more_lengths = np.ones(capacity, dtype=np.int64)
@@ -110,7 +111,7 @@ def _grown(nodes, lengths, sums, capacity):
     return more_nodes, more_lengths, more_sums
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _keep_cheapest(
     nodes, lengths, sums, count, kept, kept_lengths, kept_sums, natural_start, target, width, lambda_w, lambda_len
 ):
@@ -131,7 +132,7 @@ def _keep_cheapest(
     return taken
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _before(a, b, costs, nodes, lengths, natural_start):
     if costs[a] != costs[b]:
         return costs[a] < costs[b]

@@ -5,14 +5,15 @@ Sums run in one fixed order, so that a distance has the same bits wherever it is
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from gesturegen.compiled import njit
 
 # A vector whose square is less counts as zero: it has no direction. The limits of float32 are far from it.
 SMALLEST = 1e-30
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def squares(features):
     """The squared lengths [shape=(N,)] of the rows."""
     out = np.empty(len(features))
@@ -25,7 +26,7 @@ def squares(features):
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def largest(values, starts, stops, valid):
     """The largest value [shape=(M,)] among the valid nodes of each sequence, 0 for none."""
     out = np.zeros(len(starts))
@@ -36,7 +37,7 @@ def largest(values, starts, stops, valid):
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def euclidean(features, row, query):
     """|features[row] - query|"""
     total = 0.0
@@ -46,7 +47,7 @@ def euclidean(features, row, query):
     return np.sqrt(total)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def cosine(features, row, query, of_query):
     """1 - cos of the angle between features[row] and query, at least 0; 1 where one of them is zero.
 
@@ -63,7 +64,7 @@ def cosine(features, row, query, of_query):
     return max(1.0 - total / np.sqrt(of_row * of_query), 0.0)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def distances(features, rows, query, of_query, by_angle):
     """Distances [shape=(K,)] of the rows from the query, float64 [shape=(D,)], whose squared length is given."""
     out = np.empty(len(rows))
@@ -75,7 +76,7 @@ def distances(features, rows, query, of_query, by_angle):
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _peak(scores, first, last):
     peak = np.float32(-np.inf)
     for place in range(first, last):
@@ -83,7 +84,7 @@ def _peak(scores, first, last):
     return peak
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def confirm(
     scores, low, first, last, starts, stops, slacks, features, shift, queries, of_queries, by_angle, nodes, apart
 ):

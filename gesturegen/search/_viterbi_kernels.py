@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from gesturegen.compiled import njit
 
-@numba.njit(cache=True, nogil=True)
+
+@njit(cache=True, nogil=True)
 def sound(indptr, sources, costs):
     """Whether the sources of every destination ascend and are clips, and all costs are finite."""
     n_clips = len(indptr) - 1
@@ -21,7 +22,7 @@ def sound(indptr, sources, costs):
     return True
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def place(sources, first, last, p):
     """The edge from p among those from `first` to before `last`, -1 for none."""
     end = last
@@ -34,7 +35,7 @@ def place(sources, first, last, p):
     return first if first < end and sources[first] == p else -1
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def search(data, indptr, sources, costs, missing, weight, reuse, repeat_starts, repeats):
     """The cheapest way to every clip at the last segment [shape=(C,)], and the predecessors [shape=(n, C)].
 

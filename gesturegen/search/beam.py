@@ -35,8 +35,9 @@ def search(
     natural_start : among equally cheap paths the one from this node comes first, then lower node numbers.
     """
     shortest, longest = accepted_lengths(target, settings)
+    # A copy of `starts`: a read-only array is a type of its own, for which the loop would be compiled once more.
     nodes, cost = _kernels.beam_search(
-        graph.indptr, graph.indices, graph.weights, stops, np.asarray(starts, dtype=np.int64), natural_start,
+        graph.indptr, graph.indices, graph.weights, stops, np.array(starts, dtype=np.int64), natural_start,
         target, settings.l_npaths, shortest, longest, settings.lambda_w, settings.lambda_len,
     )  # fmt: skip
     return (nodes, float(cost)) if len(nodes) else (None, np.inf)

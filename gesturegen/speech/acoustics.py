@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gesturegen.compiled import load_librosa
 from gesturegen.config import Acoustics as Settings
 from gesturegen.motion.skeleton import read_only
 
@@ -42,7 +43,7 @@ def measure(samples: np.ndarray, rate: int, settings: Settings) -> Acoustics:
     Value k looks at the 2048 samples around k / settings.rate, with silence beyond the ends. Audio shorter than
     that is padded with silence to that length.
     """
-    import librosa
+    librosa = load_librosa()
 
     samples = np.asarray(samples, dtype=np.float32)
     if rate != settings.sample_rate:

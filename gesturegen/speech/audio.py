@@ -16,6 +16,7 @@ from typing import BinaryIO
 import numpy as np
 
 from gesturegen import inputs
+from gesturegen.compiled import load_librosa
 from gesturegen.config import Onsets
 from gesturegen.errors import DataError
 from gesturegen.motion.skeleton import read_only
@@ -159,7 +160,7 @@ def detect_onset_peaks(samples: np.ndarray, rate: int, settings: Onsets) -> Onse
 
     librosa.onset.onset_strength and onset_detect with their defaults (§4.1.1 and the reference [12] there).
     """
-    import librosa
+    librosa = load_librosa()
 
     resampled = (
         librosa.resample(samples, orig_sr=rate, target_sr=settings.sample_rate)
@@ -171,7 +172,7 @@ def detect_onset_peaks(samples: np.ndarray, rate: int, settings: Onsets) -> Onse
     grid = {"sr": settings.sample_rate, "hop_length": settings.hop_length}
     strength = librosa.onset.onset_strength(y=resampled, **grid)
     peaks = librosa.onset.onset_detect(onset_envelope=strength, backtrack=False, units="frames", **grid)
-    starts = librosa.onset.onset_backtrack(peaks, strength) if len(peaks) else peaks
+    starts = _backtrack(peaks, strength)
     peak_times = librosa.frames_to_time(peaks, **grid)
     edges = _mute_edges(samples, rate, settings)
     return OnsetPeaks(
@@ -179,6 +180,16 @@ def detect_onset_peaks(samples: np.ndarray, rate: int, settings: Onsets) -> Onse
         strengths=strength[peaks].astype(np.float64),
         near_mute=_distance_to_nearest(peak_times, edges) <= settings.muted_margin_seconds,
     )
+
+
+def _backtrack(peaks: np.ndarray, strength: np.ndarray) -> np.ndarray:
+    """The last local minimum of `strength` at or before each peak, or frame 0, as librosa.onset.onset_backtrack.
+
+    librosa's own takes five seconds to compile.
+    """
+    lowest = np.flatnonzero((strength[1:-1] <= strength[:-2]) & (strength[1:-1] < strength[2:])) + 1
+    lowest = np.append(0, lowest)
+    return lowest[np.searchsorted(lowest, peaks, side="right") - 1]
 
 
 def _mute_edges(samples: np.ndarray, rate: int, settings: Onsets) -> np.ndarray:

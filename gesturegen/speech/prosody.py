@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gesturegen.compiled import load_librosa
 from gesturegen.config import Prosody
 from gesturegen.motion.skeleton import read_only
 
@@ -49,7 +50,7 @@ def measure(samples: np.ndarray, rate: int, settings: Prosody) -> Contour:
 
     Audio shorter than the analysis window (0.128 s) is padded with silence to that length.
     """
-    import librosa
+    librosa = load_librosa()
 
     samples = np.asarray(samples, dtype=np.float32)
     if rate != settings.sample_rate:

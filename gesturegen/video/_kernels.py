@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
+from gesturegen.compiled import njit
 
-@numba.njit(cache=True, nogil=True)
+
+@njit(cache=True, nogil=True)
 def draw_capsules(image, segments, radii, colours, box):
     """Paint round-ended lines with smooth edges into `image`, in order, later ones over earlier ones.
 
@@ -44,7 +45,7 @@ def draw_capsules(image, segments, radii, colours, box):
                         image[y, x, c] = int(before + cover * (float(colours[k, c]) - before) + 0.5)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def to_yuv420(image, planes):
     """The planes of video of a picture, in whole numbers: BT.601, 16 to 235, one colour for each 2 by 2 pixels.
 
