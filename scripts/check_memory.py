@@ -119,9 +119,14 @@ def many_clips(folder: Path, count: int) -> list[str]:
     for stage in STAGES:
         found = measure(gesturegen(stage, CONFIGS[0], data, folder / "work", jobs=2))
         first, last = found.thirds()
-        print(f"{count} clips, {stage}: {first / 1e6:.0f} MB in the first third, {last / 1e6:.0f} MB in the last", flush=True)
+        print(
+            f"{count} clips, {stage}: {first / 1e6:.0f} MB in the first third, {last / 1e6:.0f} MB in the last",
+            flush=True,
+        )
         if last > GROWTH * first + MARGIN:
-            faults.append(f"{stage}: {first / 1e6:.0f} MB in the first third of {count} clips, {last / 1e6:.0f} MB in the last")
+            faults.append(
+                f"{stage}: {first / 1e6:.0f} MB in the first third of {count} clips, {last / 1e6:.0f} MB in the last"
+            )
     return faults
 
 
@@ -132,9 +137,7 @@ def long_speech(folder: Path, minutes: int) -> list[str]:
         demo.write_clip(data, spec)
     repeat_speech(data / "tst/main-agent", minutes)
     for config in CONFIGS:
-        peaks = {
-            stage: measure(gesturegen(stage, config, data, folder / config, jobs=1)).peak for stage in STAGES
-        }
+        peaks = {stage: measure(gesturegen(stage, config, data, folder / config, jobs=1)).peak for stage in STAGES}
         told = ", ".join(f"{stage} {peak / 1e6:.0f} MB" for stage, peak in peaks.items())
         print(f"{minutes} minutes, {config}: {told}", flush=True)
         faults += [

@@ -13,6 +13,7 @@ from gesturegen.motion.skeleton import Motion
 
 _FRAMES_AT_ONCE = 2000
 
+
 def resample(motion: Motion, fps: float) -> Motion:
     """The motion at `fps`, rotations by SLERP, positions linearly, inside its first and last frame."""
     if motion.fps == fps:
