@@ -6,10 +6,12 @@ the joint's OFFSET; Euler angles and degrees exist only here.
 
 from __future__ import annotations
 
+import hashlib
 import io
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
@@ -46,9 +48,18 @@ def read_skeleton(path: str | Path) -> Skeleton:
     return _Hierarchy(path, _split(path, _read_text(path, header_only=True))[0]).parse()
 
 
-def write(path: str | Path, motion: Motion) -> None:
-    """Write `motion` in the hierarchy and channel order of its skeleton, six decimals, all or nothing."""
-    write_bytes(path, lambda file: file.writelines(text.encode() for text in _blocks(motion)))
+def write(path: str | Path, motion: Motion) -> str:
+    """Write `motion` in the hierarchy and channel order of its skeleton, six decimals, all or nothing; its hash."""
+    digest = hashlib.sha256()
+
+    def fill(file: BinaryIO) -> None:
+        for text in _blocks(motion):
+            data = text.encode()
+            digest.update(data)
+            file.write(data)
+
+    write_bytes(path, fill)
+    return digest.hexdigest()
 
 
 def format_bvh(motion: Motion) -> str:
