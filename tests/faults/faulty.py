@@ -23,15 +23,13 @@ PATIENCE = 600
 class Fault:
     """A signal at the change number `number` (from 1) to what a stage writes.
 
-    stages : folders below the work folder; target : `self`, the process that makes the change, or `command`;
-    delay : seconds from there on
+    stages : folders below the work folder; target : `self`, the process that makes the change, or `command`
     """
 
     stages: tuple[str, ...]
     number: int
     target: str
     signal: int
-    delay: float = 0.0
 
 
 @dataclass(frozen=True)

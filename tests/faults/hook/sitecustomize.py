@@ -8,7 +8,6 @@ process that was about to make it, or to the command's own. So the moments do no
 import json
 import os
 import sys
-import threading
 
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 CHANGES = ("os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link", "os.symlink")
@@ -51,10 +50,7 @@ def install(work, log, fault):
     def strike():
         target = os.getpid() if fault["target"] == "self" else int(os.environ["FAULT_COMMAND"])
         count(os.path.join(log, "killed"))
-        if fault["delay"]:
-            threading.Timer(fault["delay"], os.kill, (target, fault["signal"])).start()
-        else:
-            os.kill(target, fault["signal"])
+        os.kill(target, fault["signal"])
 
     sys.addaudithook(look)
 
