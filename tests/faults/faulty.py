@@ -87,7 +87,8 @@ def _processes_with(mark: str) -> dict[int, str]:
 def same(work: Path, calm: Path) -> None:
     """Both folders hold the same files with the same bytes, hidden ones as well."""
     found, expected = tree(work), tree(calm)
-    assert {n for n in found if found[n] != expected.get(n)} | {n for n in expected if n not in found} == set()
+    differing = sorted(name for name in found | expected if found.get(name) != expected.get(name))
+    assert not differing, f"not as after an undisturbed run: {', '.join(differing)}"
 
 
 def told(ended: Ended) -> list[str]:

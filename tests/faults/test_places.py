@@ -4,6 +4,7 @@ import ctypes
 import os
 import shutil
 import subprocess
+import sys
 
 import pytest
 
@@ -23,7 +24,7 @@ def data(tmp_path_factory):
 @pytest.fixture(scope="module")
 def calm(data, tmp_path_factory):
     """What an undisturbed run writes."""
-    work = tmp_path_factory.mktemp("calm") / "work"
+    work = tmp_path_factory.mktemp("calm") / "disk" / "work"  # as deep as the others: the index has relative paths
     ended = run(cases.arguments(CONFIG, data, work))
     assert ended == (0, ""), ended
     return work
@@ -111,13 +112,14 @@ def test_a_full_disk_is_told_and_the_run_goes_on_when_there_is_room(data, calm, 
 
 @pytest.mark.parametrize("home", [None, "/nowhere"])
 def test_no_home_is_needed(home, data, calm, tmp_path):
+    work = tmp_path / "disk" / "work"
     environment = {name: value for name, value in os.environ.items() if not name.startswith("XDG_") and name != "HOME"}
     environment["PYTHONPATH"] = str(faulty.TOP)
     process = subprocess.Popen(
-        [faulty.sys.executable, "-c", faulty.CALL, *cases.arguments(CONFIG, data, tmp_path / "work")],
+        [sys.executable, "-c", faulty.CALL, *cases.arguments(CONFIG, data, work)],
         env=environment | ({} if home is None else {"HOME": home}), cwd="/", text=True,
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, preexec_fn=bound_by_modes,
     )  # fmt: skip
     output, _ = process.communicate(timeout=faulty.PATIENCE)
     assert process.returncode == 0 and "Traceback" not in output, output
-    faulty.same(tmp_path / "work", calm)
+    faulty.same(work, calm)
