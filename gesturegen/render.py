@@ -35,10 +35,13 @@ class _Steps:
 
 @dataclass(frozen=True)
 class _Rendered:
-    """The motion of a track, and of its frames: as recorded, which feet bore weight, and what follows on nothing."""
+    """The motion of a track, and of its frames: as recorded, which feet bore weight, and what follows on nothing.
+
+    as_recorded : None where feet are not locked, which alone needs it
+    """
 
     motion: Motion
-    as_recorded: Motion
+    as_recorded: Motion | None
     bearing: np.ndarray
     jumps: np.ndarray
 
@@ -84,12 +87,15 @@ def _render_track(track: Track, recorded: _Recorded, graph: ReferenceFrames, pel
         offsets = _ground_offsets(source, successors, steps, recorded, pelvis, config)
         source = _move_ground(source, recorded.travelling, offsets[:, 0], offsets[:, 1:3])
         successors = _move_ground(successors, recorded.travelling, offsets[:, 3], offsets[:, 4:6])
-    rotations, positions = source.rotations.copy(), source.positions.copy()
     if config.blend.method == "inertialize":
+        rotations, positions = source.rotations.copy(), source.positions.copy()
         _inertialize(rotations, positions, successors, steps, config)
+        source = replace(source, rotations=rotations, positions=positions)
+    del successors  # a long motion is large: no more of it at a time than is needed
     kept, times = _timeline(pieces, nodes, graph, config.resample)
     jumps = _jumps(times, steps.jump[kept])
-    motion = cleanup.interpolate(replace(source, rotations=rotations[kept], positions=positions[kept]), times)
+    motion = cleanup.interpolate(source if len(kept) == len(nodes) else source.take(kept), times)
+    del source
     rotations, positions = motion.rotations.copy(), motion.positions.copy()
     if config.blend.method == "crossfade":
         _crossfade_joins(rotations, positions, pieces, graph, config)
@@ -102,7 +108,7 @@ def _render_track(track: Track, recorded: _Recorded, graph: ReferenceFrames, pel
         rotations, positions = blend.least_jerk(rotations, positions, jumps, config.blend.reach_seconds * motion.fps)
     return _Rendered(
         replace(motion, rotations=rotation.normalize(rotations), positions=positions),
-        as_recorded=cleanup.interpolate(recorded.take(nodes[kept]), times),
+        as_recorded=cleanup.interpolate(recorded.take(nodes[kept]), times) if config.feet.lock else None,
         bearing=recorded.bearing(nodes[kept][np.round(times).astype(int)]),
         jumps=jumps,
     )

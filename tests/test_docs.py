@@ -55,6 +55,15 @@ def test_every_make_target_of_the_readme_exists():
         assert re.search(rf"^{target}:", makefile, re.M), target
 
 
+def test_every_promise_names_the_test_that_holds_it():
+    promises = README.partition("## What is promised\n")[2].partition("\n## ")[0]
+    rows = re.findall(r"^\| (?!promise )[A-Z].* \| (.*) \|$", promises, re.M)
+    assert len(rows) >= 6
+    for row in rows:
+        named = re.findall(r"`((?:tests|scripts)/[^`]+)`", row)
+        assert named and all((TOP / name).is_file() for name in named), row
+
+
 @pytest.mark.parametrize("path", sorted((TOP / "configs").rglob("*.yaml")), ids=lambda path: path.name)
 def test_every_yaml_loads(path):
     if path.name == "keywords.yaml":

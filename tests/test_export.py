@@ -210,7 +210,7 @@ def test_blender_shows_the_same_joints_in_the_same_places(tmp_path):
     (tmp_path / "a.py").write_text(BLENDER.format(numpy=numpy_folder, frames=frames, **paths))
     shown = subprocess.run(
         [blender, "--background", "--factory-startup", "--python", str(tmp_path / "a.py")],
-        capture_output=True, text=True, timeout=120,
+        capture_output=True, text=True, timeout=1200,
     )  # fmt: skip
     if "No module named 'numpy" in shown.stdout + shown.stderr or "numpy.core" in shown.stderr:
         pytest.skip("Blender's Python has no numpy and cannot use ours; on Debian, install python3-numpy")

@@ -6,15 +6,18 @@ the joint's OFFSET; Euler angles and degrees exist only here.
 
 from __future__ import annotations
 
+import hashlib
 import io
 import re
+from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
 from gesturegen import inputs
 from gesturegen.errors import DataError
-from gesturegen.files import write_text
+from gesturegen.files import write_bytes
 from gesturegen.motion import rotation
 from gesturegen.motion.skeleton import Motion, Skeleton
 
@@ -34,6 +37,7 @@ _ALWAYS_ALLOWED = 64_000_000
 _LARGEST_VALUE = 1e6
 # Seconds. No recording is slower than one frame a second or faster than 10,000.
 _FRAME_TIMES = (1e-4, 1.0)
+_FRAMES_AT_ONCE = 500
 
 
 def read(path: str | Path) -> Motion:
@@ -57,17 +61,32 @@ def read_skeleton(path: str | Path) -> Skeleton:
 
 def write(path: str | Path, motion: Motion) -> str:
     """Write `motion` in the hierarchy and channel order of its skeleton, six decimals, all or nothing; its hash."""
-    return write_text(path, format_bvh(motion))
+    digest = hashlib.sha256()
+
+    def fill(file: BinaryIO) -> None:
+        for text in _blocks(motion):
+            data = text.encode()
+            digest.update(data)
+            file.write(data)
+
+    write_bytes(path, fill)
+    return digest.hexdigest()
 
 
 def format_bvh(motion: Motion) -> str:
+    return "".join(_blocks(motion))
+
+
+def _blocks(motion: Motion) -> Iterator[str]:
+    """The text of a file, some hundred frames at a time: numbers as text take much more memory than as numbers."""
     values = _to_channels(motion)
     constant = np.ptp(values, axis=0) == 0
     # Most columns never change (the non-root positions of GENEA files): format them once.
     row = " ".join(f"{value:.6f}" if fixed else "%.6f" for value, fixed in zip(values[0], constant, strict=True))
-    lines = [row % tuple(frame) for frame in values[:, ~constant].tolist()]
-    head = f"MOTION\nFrames: {motion.n_frames}\nFrame Time: {1.0 / motion.fps:.6f}\n"
-    return motion.skeleton.hierarchy + head + "\n".join(lines) + "\n"
+    yield f"{motion.skeleton.hierarchy}MOTION\nFrames: {motion.n_frames}\nFrame Time: {1.0 / motion.fps:.6f}\n"
+    for start in range(0, motion.n_frames, _FRAMES_AT_ONCE):
+        block = values[start : start + _FRAMES_AT_ONCE, ~constant].tolist()
+        yield "".join(f"{row % tuple(frame)}\n" for frame in block)
 
 
 def hierarchy_text(

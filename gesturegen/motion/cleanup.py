@@ -11,6 +11,8 @@ from gesturegen.config import Wrists
 from gesturegen.motion import rotation
 from gesturegen.motion.skeleton import Motion
 
+_FRAMES_AT_ONCE = 2000
+
 
 def resample(motion: Motion, fps: float) -> Motion:
     """The motion at `fps`, rotations by SLERP, positions linearly, inside its first and last frame."""
@@ -26,7 +28,14 @@ def interpolate(motion: Motion, times: np.ndarray) -> Motion:
     """Poses at fractional frame numbers `times` `[shape=(n,)]`, 0 to T - 1."""
     low = np.minimum(np.floor(times).astype(int), motion.n_frames - 1)
     high = np.minimum(low + 1, motion.n_frames - 1)
-    return mix(motion.take(low), motion.take(high), times - low)
+    joints = len(motion.skeleton.names)
+    rotations, positions = np.empty((len(times), joints, 4)), np.empty((len(times), joints, 3))
+    # Mixing needs several times the memory of what it gives.
+    for start in range(0, len(times), _FRAMES_AT_ONCE):
+        part = slice(start, start + _FRAMES_AT_ONCE)
+        mixed = mix(motion.take(low[part]), motion.take(high[part]), times[part] - low[part])
+        rotations[part], positions[part] = mixed.rotations, mixed.positions
+    return replace(motion, rotations=rotations, positions=positions)
 
 
 def mix(left: Motion, right: Motion, amounts: np.ndarray) -> Motion:

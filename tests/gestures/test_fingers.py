@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from threadpoolctl import threadpool_limits
 
 from gesturegen.gestures import fingers
 from gesturegen.gestures.fingers import describe_poses, has_fingers, nearest
@@ -151,11 +152,13 @@ def test_many_clips_take_little_time_and_memory():
     offered[2000:] = offered[0]  # recordings repeat themselves, as when nobody moves
     wanting = offered[rng.integers(0, 4000, size=4000)] + rng.normal(scale=0.1, size=(4000, 90)).astype(np.float32)
     tracemalloc.start()
-    began = time.perf_counter()
-    numbers, _ = nearest(wanting, offered)
-    seconds, peak = time.perf_counter() - began, tracemalloc.get_traced_memory()[1]
+    with threadpool_limits(limits=1):
+        began = time.thread_time()  # of this thread alone: however busy the machine is
+        numbers, _ = nearest(wanting, offered)
+        seconds, peak = time.thread_time() - began, tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert seconds < 5 and peak < 150e6
+    print(f"{seconds:.2f} s")
+    assert seconds < 20 and peak < 150e6
     assert numbers[:20].tolist() == naive_nearest(wanting[:20], offered)[0]
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from threadpoolctl import threadpool_limits
 
 from gesturegen.config import Rhythm
 from gesturegen.gestures.rhythm import agreement, from_text, hamming, hand_speeds, of_motion, of_words, to_text
@@ -208,9 +209,12 @@ def test_hamming_is_a_distance():
 def test_many_signatures_take_little_time():
     rng = np.random.default_rng(0)
     a, b = rng.random((6000, 32)) < 0.5, rng.random((100, 32)) < 0.5
-    start = time.perf_counter()
-    assert hamming(a, b).shape == (6000, 100)
-    assert time.perf_counter() - start < 1.0
+    with threadpool_limits(limits=1):
+        start = time.thread_time()  # of this thread alone: however busy the machine is
+        assert hamming(a, b).shape == (6000, 100)
+        seconds = time.thread_time() - start
+    print(f"{seconds:.2f} s")
+    assert seconds < 5.0
 
 
 def test_agreement_is_the_mean_share_of_equal_bits():
