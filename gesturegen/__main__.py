@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from gesturegen import supervision
+import os
+import signal
+
+# Until there is somebody to say more, the interrupt key just ends the program. An ignored one stays ignored.
+if hasattr(os, "fork") and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+from gesturegen import supervision  # noqa: E402 - what is imported later must not be interrupted with a traceback
 
 
 def start() -> None:

@@ -22,6 +22,7 @@ from gesturegen.console import (
     wait_option,
     work_folder,
 )
+from gesturegen.inputs import control_character
 
 if TYPE_CHECKING:
     from gesturegen.ablation.plan import Plan
@@ -284,6 +285,8 @@ def _read_compared(_context, parameter, values: tuple[str, ...]) -> list[tuple[s
         label, sign, work = value.partition("=")
         if not (label.strip() and sign and work):
             raise click.BadParameter(f"{value!r} is not {parameter.metavar}, such as weak=out_weak")
+        if (control := control_character(label)) is not None:
+            raise click.BadParameter(f"{value!r}: the label holds {control}; give another one")
         pairs.append((label.strip(), Path(work)))
     return pairs
 

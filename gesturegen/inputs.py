@@ -41,6 +41,15 @@ def control_character(text: str) -> str | None:
     return f"U+{ord(found[0]):04X}" if found else None
 
 
+def name_problem(path: Path) -> str | None:
+    """Why a file cannot lend its name to what is written, as a clip does; None for a name that can."""
+    control = control_character(path.name)
+    if control is None:
+        return None
+    what = "bytes that are not UTF-8" if "\ud800" <= chr(int(control[2:], 16)) <= "\udfff" else control
+    return f"{shown(path)}: the name of the file holds {what}; rename it"
+
+
 def decimal(text: str) -> float | None:
     """The number that a text is in ASCII decimal notation; None for anything else (inf for 1e999)."""
     text = text.strip()

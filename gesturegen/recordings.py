@@ -122,9 +122,8 @@ def _stems(folder: Path, kind: str, extensions: tuple[str, ...], problems: dict[
         if path.suffix.lower() not in extensions or path.name.startswith("."):
             continue
         name = inputs.shown(path.stem)
-        if (control := inputs.control_character(path.name)) is not None:
-            what = "bytes that are not UTF-8" if "\ud800" <= chr(int(control[2:], 16)) <= "\udfff" else control
-            problems[name] = f"{inputs.shown(path)}: the name of the file holds {what}; rename it"
+        if (problem := inputs.name_problem(path)) is not None:
+            problems[name] = problem
         elif name in found:
             problems[name] = f"{inputs.shown(path)}: clip {name} has a second file {found[name].name}; keep one"
         found[name] = path

@@ -1,18 +1,21 @@
 """Files that users hand in: what is opened, and the one line about what is not."""
 
 import os
+import re
 import socket
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
 from gesturegen import inputs
+from gesturegen.cli import main
 from gesturegen.config import load_config
 from gesturegen.errors import ConfigError, DataError
 from gesturegen.files import sha256
 from gesturegen.motion import bvh, positions
 from gesturegen.speech import audio, transcript
-from tests.builders import refused
+from tests.builders import bvh_text, refused, write_clip
 
 
 def fifo(path):
@@ -119,3 +122,33 @@ def test_what_is_shown_stands_on_one_line(text, shown):
 def test_folders_whose_names_no_file_can_hold_are_refused():
     with refused(ConfigError, r"out.udcff: the name holds U\+DCFF; rename the folder \(paths\.work\)"):
         load_config(None, (), {"paths.work": "out\udcff"})
+
+
+@pytest.mark.parametrize(
+    ("name", "what"), [(b"a\xff", "bytes that are not UTF-8"), (b"a\nb", r"U\+000A"), (b"a\x1bb", r"U\+001B")]
+)
+@pytest.mark.parametrize("command", ["export", "check", "evaluate"])
+def test_files_whose_names_cannot_be_written_again_are_refused(tmp_path, command, name, what):
+    folder, work = tmp_path / "motions", tmp_path / "work"
+    folder.mkdir()
+    path = Path(os.fsdecode(os.fsencode(folder) + b"/" + name + b".bvh"))
+    path.write_text(bvh_text())
+    write_clip(tmp_path / "data/trn", "trn_a")
+    write_clip(tmp_path / "data/tst", "tst_a", with_motion=False)
+    arguments = {
+        "export": [path, "--format", "csv", "--out", work],
+        "check": [folder],
+        "evaluate": ["--bvh", folder],
+    }[command]
+    result = CliRunner().invoke(
+        main, [command, *map(str, arguments), "--data", str(tmp_path / "data"), "--work", str(work)]
+    )
+    lines = [line for line in result.stderr.splitlines() if inputs.shown(path) in line]
+    assert result.exit_code == 1 and len(lines) == 1, result.output
+    assert re.search(f"the name of the file holds {what}; rename it$", lines[0]), lines
+    assert not list(work.rglob("*.csv"))
+
+
+def test_labels_that_cannot_be_shown_are_refused(tmp_path):
+    result = CliRunner().invoke(main, ["report", "--compare", f"a\udcff={tmp_path}", "--work", str(tmp_path)])
+    assert result.exit_code == 2 and "the label holds U+DCFF" in result.stderr, result.output

@@ -362,6 +362,15 @@ def test_a_damaged_checkpoint_is_one_line_for_each_clip(data, ready):
     assert len(lines) == len(TESTS) and all("refiner.pt: damaged (no checksum" in line for line in lines), lines
 
 
+def test_a_damaged_checkpoint_is_trained_anew(data, trained, ready):
+    damaged = bytearray((ready / "refiner.pt").read_bytes())
+    damaged[len(damaged) // 2] ^= 1
+    (ready / "refiner.pt").write_bytes(damaged)
+    result = done("train-refiner", data, ready)
+    assert "its checksum is another one" in result.stderr and "it was made again" in result.stderr, result.stderr
+    assert same_run(trained / "refiner.pt", ready / "refiner.pt")
+
+
 def test_refining_needs_the_sound(data, ready):
     options = (*REFINE, *settings("method=motion_graph", "acoustics.enabled=false"))
     done("build-graph", data, ready, *options)

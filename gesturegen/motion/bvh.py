@@ -180,6 +180,7 @@ class _Hierarchy:
         self.end_sites: list[list[float]] = []
         self.channels: list[tuple[str, ...]] = []
         self.with_channels: set[int] = set()
+        self.ended: set[int] = set()  # joints that have an End Site
 
     def fail(self, line: int, message: str) -> DataError:
         return DataError(f"{inputs.shown(self.path)}:{line}: {message}")
@@ -223,6 +224,9 @@ class _Hierarchy:
                     _, words = self._until_brace(words[1:])
                     if not stack or stack[-1] is None:
                         raise self.fail(number, "an End Site outside any joint; check the hierarchy")
+                    if stack[-1] in self.ended:
+                        raise self.fail(number, f"a second End Site of joint {self.names[stack[-1]]!r}; keep one")
+                    self.ended.add(stack[-1])
                     pending = None
                 elif keyword == "OFFSET":
                     self._set_offset(number, words[1:4], stack, offset_seen)

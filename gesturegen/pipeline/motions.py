@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from gesturegen import inputs, recordings
@@ -17,7 +17,9 @@ def motion_files(config: Config, paths: Sequence[Path]) -> dict[str, Path]:
     for path in paths or [work_path(config, "reenact")]:
         for name, motion in _of_path(path).items():
             if name in found and found[name] != motion:
-                raise DataError(f"{motion}: clip {name} is also {found[name]}; give them one after the other")
+                raise DataError(
+                    f"{inputs.shown(motion)}: clip {name} is also {inputs.shown(found[name])}; give them one after the other"
+                )
             found[name] = motion
     return found
 
@@ -26,7 +28,7 @@ def _of_path(path: Path) -> dict[str, Path]:
     if inputs.is_file(path):
         if path.suffix.lower() != ".bvh":
             raise DataError(f"{inputs.shown(path)}: not a BVH file; give a file that ends in .bvh, or a folder of them")
-        return {path.stem: path}
+        return _with_names([path])
     if not inputs.is_dir(path):
         raise DataError(
             f"{inputs.shown(path)}: no such file or folder; run `gesturegen reenact` first, or give BVH files"
@@ -39,9 +41,9 @@ def folder_motions(folder: Path, arrays: bool = False) -> dict[str, Path]:
 
     arrays : where there is no BVH file, `.npz` files will do
     """
-    found = {r.name: r.motion_path for r in _recordings(folder) if r.motion_path}
+    found = _with_names(r.motion_path for r in _recordings(folder) if r.motion_path)
     if not found and arrays:
-        found = {path.stem: path for path in sorted(folder.glob("*.npz"))}
+        found = _with_names(sorted(folder.glob("*.npz")))
     if not found:
         raise DataError(f"{inputs.shown(folder)}: no BVH file in it")
     return found
@@ -50,6 +52,14 @@ def folder_motions(folder: Path, arrays: bool = False) -> dict[str, Path]:
 def folder_sounds(folder: Path) -> dict[str, Path]:
     """The audio files of a folder by clip name."""
     return {r.name: r.audio_path for r in _recordings(folder) if r.audio_path}
+
+
+def _with_names(paths: Iterable[Path]) -> dict[str, Path]:
+    """Files by clip name; DataError for one whose name no file that is written can have."""
+    found = {path.stem: path for path in paths}
+    for problem in filter(None, map(inputs.name_problem, found.values())):
+        raise DataError(problem)
+    return found
 
 
 def _recordings(folder: Path) -> list[recordings.Recording]:

@@ -13,7 +13,7 @@ import numpy as np
 from gesturegen import files, render
 from gesturegen.clips import Reference, Speech, select_joints
 from gesturegen.config import Config
-from gesturegen.errors import DataError
+from gesturegen.errors import DamagedError, DataError
 from gesturegen.extras import need
 from gesturegen.matching import database, features
 from gesturegen.motion import body, cleanup, rotation
@@ -26,6 +26,7 @@ from gesturegen.search import nearest
 from gesturegen.search.path import Path as SearchPath
 from gesturegen.search.path import Piece, Target, Track
 from gesturegen.speech.acoustics import Acoustics
+from gesturegen.stored import sealing
 
 
 def checkpoint_path(config: Config) -> Path:
@@ -109,13 +110,23 @@ def train_refiner(config: Config, jobs: int, quiet: bool) -> Summary:
             f"{len(pairs.audio)} windows of {config.motion_matching.sequence_seconds:.1f} s to train on; give longer references"
         )
     description = parts[0]["description"]
-    started = time.monotonic()
+    started, warnings = time.monotonic(), []
     with _bar(config.refiner.iterations, quiet) as bar:
-        history = training.train(pairs, config.refiner, config.seed, path, description, progress=partial(_advance, bar))
+        train = partial(
+            training.train, pairs, config.refiner, config.seed, path, description, progress=partial(_advance, bar)
+        )
+        try:
+            history = train()
+        except DamagedError as error:
+            if config.refiner.checkpoint:  # it may be another program's
+                raise
+            warnings.append(("refiner", sealing.remade(error)))
+            history = train(resume=False)
     try:
-        margin, warnings = training.conditioning_margin(path, pairs), []
+        margin = training.conditioning_margin(path, pairs)
     except DataError as error:  # too few windows are held out
-        margin, warnings = {}, [("margin", str(error))]
+        margin = {}
+        warnings.append(("margin", str(error)))
     files.write_json(path.with_suffix(".json"), {"windows": len(pairs.audio), **_figures(history), "margin": margin})
     return Summary(
         Outcome(done={name: None for name in names}),

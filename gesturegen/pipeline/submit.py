@@ -68,6 +68,8 @@ def _training_skeletons(config: Config) -> list[Skeleton]:
 def _check_clip(
     path: Path, recording: recordings.Recording | None, skeletons: list[Skeleton], config: Config
 ) -> tuple[list[str], list[str]]:
+    if (problem := inputs.name_problem(path)) is not None:
+        return [problem], []
     if recording is None:
         return [f"{path}: no test clip has this name; name files as the audio is named"], []
     n_frames, problems = None, []

@@ -409,6 +409,11 @@ BROKEN = {
         6,
         "a second CHANNELS of joint 'upper'; keep one",
     ),
+    "a second End Site": (
+        edited("\t\t}\n\t}", "\t\t}\n\t\tEnd Site\n\t\t{\n\t\t\tOFFSET 1 0 0\n\t\t}\n\t}"),
+        14,
+        "a second End Site of joint 'lower'; keep one",
+    ),
     "a superscript for a count": (edited("CHANNELS 3", "CHANNELS ²"), 9, "CHANNELS needs a count, found '²'"),
     "a count of channels without end": (edited("CHANNELS 3", "CHANNELS " + "9" * 5000), 9, "CHANNELS needs a count"),
     "an Arabic number": (edited("OFFSET 30.0", "OFFSET ٣"), 8, "OFFSET needs three numbers"),
