@@ -9,7 +9,7 @@ import signal
 if hasattr(os, "fork") and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-from gesturegen import supervision  # noqa: E402 - what is imported later must not be interrupted with a traceback
+from gesturegen import supervision
 
 
 def start() -> None:
