@@ -223,7 +223,7 @@ def refused(path: Path) -> str | None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_readers_refuse_whatever_is_not_as_it_was_written(method, finished, tmp_path):
-    work, rng = copied(finished[method], tmp_path / "work"), np.random.default_rng(11)
+    work, rng = copied(finished[method], tmp_path.name), np.random.default_rng(11)
     for path in sealed(work):
         whole = path.read_bytes()
         for edit in PLAIN_EDITS:
@@ -239,7 +239,7 @@ def test_readers_refuse_whatever_is_not_as_it_was_written(method, finished, tmp_
 
 @pytest.mark.parametrize("method", METHODS)
 def test_readers_take_forged_files_or_refuse_them(method, finished, tmp_path):
-    work, rng = copied(finished[method], tmp_path / "work"), np.random.default_rng(12)
+    work, rng = copied(finished[method], tmp_path.name), np.random.default_rng(12)
     refusals = []
     for path in sealed(work):
         whole = path.read_bytes()
@@ -298,7 +298,7 @@ def restored(work: Work, edited: Sequence[Path], told: str) -> None:
 @pytest.mark.parametrize("second", [False, True], ids=["traces", "motions"])
 @pytest.mark.parametrize("method", METHODS)
 def test_run_makes_all_of_it_again(method, second, finished, tmp_path):
-    work, rng = copied(finished[method], tmp_path / "work"), np.random.default_rng(13)
+    work, rng = copied(finished[method], tmp_path.name), np.random.default_rng(13)
     behind = (".bvh", "metrics.csv")
     edited = [path for path in work.stored if path.name.endswith(behind) == second]
     for path in edited:
@@ -316,7 +316,7 @@ def readers(work: Work, path: Path) -> tuple[str, ...]:
 @pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_every_plain_edit_is_told_and_undone(method, finished, tmp_path):
-    work, rng = copied(finished[method], tmp_path / "work"), np.random.default_rng(14)
+    work, rng = copied(finished[method], tmp_path.name), np.random.default_rng(14)
     count = 0
     for path in work.stored:
         whole = path.read_bytes()
@@ -338,7 +338,7 @@ def test_every_plain_edit_is_told_and_undone(method, finished, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_no_forged_file_crashes_a_command(method, finished, tmp_path):
-    work = copied(finished[method], tmp_path / "work")
+    work = copied(finished[method], tmp_path.name)
     # In a process of its own: a loop that reads out of bounds ends it without a word.
     script = f"from tests.faults import test_stored_files as t; t.forge_all({method!r}, {str(work.data)!r}, {str(work.folder)!r})"
     done = subprocess.run(
@@ -349,7 +349,7 @@ def test_no_forged_file_crashes_a_command(method, finished, tmp_path):
 
 def forge_all(method: str, data: str, folder: str, count: int = 100) -> None:
     """Forge files of a run, one after the other, and try the commands; each edit is printed before it is tried."""
-    rng, whole = np.random.default_rng(15), Path(folder).with_name("whole")
+    rng, whole = np.random.default_rng(15), Path(folder).with_name(f"{Path(folder).name}-whole")
     shutil.copytree(folder, whole, symlinks=True)
     for _ in range(count):
         work = Work(method, Path(data), Path(folder), {})
@@ -365,5 +365,6 @@ def forge_all(method: str, data: str, folder: str, count: int = 100) -> None:
         shutil.copytree(whole, folder, symlinks=True)
 
 
-def copied(work: Work, folder: Path) -> Work:
-    return Work(work.method, work.data, Path(shutil.copytree(work.folder, folder)), work.files)
+def copied(work: Work, name: str) -> Work:
+    """A copy beside it: the index has the places of recordings as seen from the work folder."""
+    return Work(work.method, work.data, Path(shutil.copytree(work.folder, work.folder.with_name(name))), work.files)
