@@ -348,23 +348,26 @@ class Pauses(_Section):
     min_seconds: NotNegative = 0.5
 
 
+class Phrases(_Section):
+    min_gap_seconds: NotNegative = 0.2
+
+
 class GlobalSearch(_Section):
-    lambda_w: NotNegative = 1.0
-    lambda_len: NotNegative = 20.0
-    lambda_pass: NotNegative = 10.0
+    join_price: NotNegative = 100.0
+    lambda_join: NotNegative = 1.0
+    min_stay_seconds: NotNegative = 0.67
     lambda_state: NotNegative = 3.0
     lambda_hold: NotNegative = 20.0
     lambda_rest: NotNegative = 1.0
-    lambda_end: NotNegative = 150.0
-    lambda_keyword: NotNegative = 60.0
-    lambda_join: NotNegative = 1.0
+    lambda_beat: NotNegative = 10.0
+    beat_lag_seconds: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
+    lambda_onset: NotNegative = 5.0
+    lambda_phrase: NotNegative = 5.0
+    lambda_keyword: NotNegative = 20.0
     lambda_repeat: NotNegative = 1.0
+    repeat_seconds: NotNegative = 10.0
     sweeps: Annotated[int, Field(ge=0)] = 2
     lambda_variant: NotNegative = 1.0
-    min_ratio: Annotated[float, Field(gt=0, le=1)] = 0.9
-    max_ratio: Annotated[float, Field(ge=1)] = 1.1
-    slack_frames: Annotated[int, Field(ge=0)] = 2
-    max_piece_seconds: Positive = 3.0
 
 
 class Features(_Section):
@@ -598,6 +601,7 @@ class Config(_Section):
     keywords: Keywords = Keywords()
     breaks: Breaks = Breaks()
     pauses: Pauses = Pauses()
+    phrases: Phrases = Phrases()
     prosody: Prosody = Prosody()
     acoustics: Acoustics = Acoustics()
     positions: Positions = Positions()

@@ -120,6 +120,7 @@ def graph_of_edges(n_nodes: int, edges, rows=(), segment_starts=(0,), natural=Tr
         thresholds=np.zeros(n_nodes),
         near_nodes=near_nodes,
         near_distances=near_distances,
+        phrase_ends=np.zeros(0, dtype=np.int64),
         **_described(n_nodes, with_breaks(rows, segment_starts, n_nodes)),
     )
 

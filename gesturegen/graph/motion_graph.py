@@ -10,15 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from gesturegen.clips import Reference
-from gesturegen.config import Config, Continuity
+from gesturegen.config import Config, Continuity, Phrases
 from gesturegen.graph import continuity, neighbours, pruning, reference_frames
 from gesturegen.graph.reference_frames import ReferenceFrames, describe, join, positions_of, require_one_skeleton
+from gesturegen.speech.pauses import phrase_ends
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 # Everything a stored graph depends on beyond its clips.
 SETTINGS = (
     "fps", "joints", "positions", "continuity", "onsets", "keywords.words", "wrists", "exclude", "breaks",
-    "pauses", "references.seconds",
+    "pauses", "phrases", "references.seconds",
 )  # fmt: skip
 
 
@@ -31,6 +32,7 @@ class MotionGraph(ReferenceFrames):
     thresholds : float [shape=(N,)], NaN where there is none
     near_nodes : int32 [shape=(N, M)], the M nearest other nodes of each, nearest first (`neighbours.py`)
     near_distances : float [shape=(N, M)], how far they are
+    phrase_ends : int [shape=(E,)], the nodes at which a phrase of the references' speech ends
     """
 
     indptr: np.ndarray
@@ -40,6 +42,7 @@ class MotionGraph(ReferenceFrames):
     thresholds: np.ndarray
     near_nodes: np.ndarray
     near_distances: np.ndarray
+    phrase_ends: np.ndarray
 
     def __post_init__(self):
         super().__post_init__()
@@ -76,12 +79,22 @@ def build(references: Sequence[Reference], config: Config, block_pairs: int | No
     require_one_skeleton(references)
     described = join([describe(reference, config) for reference in references])
     positions = np.concatenate([positions_of(reference.motion, config) for reference in references])
-    return from_positions(positions, settings=config.continuity, block_pairs=block_pairs, **described)
+    ends = [phrase_nodes(reference, config.phrases) for reference in references]
+    ends = np.concatenate([own + start for own, start in zip(ends, described["clip_starts"], strict=True)])
+    return from_positions(positions, settings=config.continuity, block_pairs=block_pairs, phrase_ends=ends, **described)
+
+
+def phrase_nodes(reference: Reference, settings: Phrases) -> np.ndarray:
+    """The frames, among those that may be used, at which a phrase of a reference's speech ends."""
+    frames = np.unique(np.round(phrase_ends(reference.speech.words, settings) * reference.speech.fps).astype(np.int64))
+    kept = reference.source_frames
+    return np.searchsorted(kept, frames[np.isin(frames, kept)])
 
 
 def from_positions(
-    positions: np.ndarray, segment_starts: np.ndarray, settings: Continuity, block_pairs: int | None = None, **described
-) -> MotionGraph:
+    positions: np.ndarray, segment_starts: np.ndarray, settings: Continuity, block_pairs: int | None = None,
+    phrase_ends: np.ndarray | None = None, **described,
+) -> MotionGraph:  # fmt: skip
     """The graph of stored float32 `positions` `[shape=(N, J, 3)]`, which alone define its edges."""
     nodes = len(positions)
     poses = continuity.flatten(positions)
@@ -110,6 +123,7 @@ def from_positions(
         thresholds=limits,
         near_nodes=near_nodes,
         near_distances=near_distances,
+        phrase_ends=np.zeros(0, dtype=np.int64) if phrase_ends is None else phrase_ends,
         **described,
     )
 

@@ -49,16 +49,16 @@ def _notes(path: Path, graph: MotionGraph, speech: Speech, config: Config) -> tu
 def _search(
     graph: MotionGraph, speech: Speech, config: Config, rng: np.random.Generator, earlier: Sequence[Path]
 ) -> Path:
-    key_nodes = keynodes.of_speech(speech, config.keywords.words)
-    cuts = targets(key_nodes, speech.n_frames)
     if config.search == "global":
         used = np.zeros(graph.n_nodes)
         for path in earlier:
             used[path.tracks[0].nodes] += config.global_search.lambda_variant
         demands, control = _control(graph, speech, config)
-        result = global_search.search(graph, cuts, keynodes.speaking(speech, config.pauses), config, used, control)
+        result = global_search.search(graph, speech, config, used, control)
         objective = {"first": result.first, "final": result.final}
         return Path((Track(result.pieces),), objective=objective, demands=demands)
+    key_nodes = keynodes.of_speech(speech, config.keywords.words)
+    cuts = targets(key_nodes, speech.n_frames)
     wanted = keynodes.speech_features(
         key_nodes, np.array([cut.start_frame for cut in cuts]), speech.n_frames, config.features
     )
