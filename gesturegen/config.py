@@ -356,6 +356,7 @@ class GlobalSearch(_Section):
     join_price: NotNegative = 100.0
     lambda_join: NotNegative = 1.0
     min_stay_seconds: NotNegative = 0.67
+    stutter_seconds: NotNegative = 0.5
     lambda_state: NotNegative = 3.0
     lambda_hold: NotNegative = 20.0
     lambda_rest: NotNegative = 1.0

@@ -40,7 +40,7 @@ class Prices(NamedTuple):
     """What frames cost, for T frames of speech and N nodes.
 
     states : int [shape=(T,)]; shown, holding : [shape=(S, N)], of showing a node and of holding it, by state
-    gains : [shape=(R, T)], rewards : [shape=(R, N)]; their products are taken off the cost of showing a node
+    gains : [shape=(R, T)], rewards : [shape=(R, N)]; their products are taken off the cost of coming to a node
     marks : int [shape=(K, 3)], frame, first node and node after the last, in order of frames; each costs `mark` more
     mark_starts : int [shape=(T + 1,)], where the marks of each frame begin
     """
@@ -57,14 +57,16 @@ class Prices(NamedTuple):
 
 
 @numba.njit(cache=True, nogil=True)
-def frame_costs(frame, prices, costs):
-    """What it costs to show each node in a frame, into `costs` [shape=(N,)]."""
+def _frame_costs(frame, prices, costs, earned):
+    """What it costs to come to each node in a frame, and what of that is earned by the way, both [shape=(N,)]."""
     costs[:] = prices.shown[prices.states[frame]]
+    earned[:] = 0.0
     for row in range(len(prices.gains)):
         gain = prices.gains[row, frame]
         if gain != 0.0:
             for node in range(len(costs)):
-                costs[node] -= gain * prices.rewards[row, node]
+                earned[node] += gain * prices.rewards[row, node]
+    costs -= earned
     for k in range(prices.mark_starts[frame], prices.mark_starts[frame + 1]):
         for node in range(prices.marks[k, 1], prices.marks[k, 2]):
             costs[node] += prices.mark
@@ -82,7 +84,7 @@ def solve(first_frame, last_frame, after, min_stay, prices, joins, actions, ente
     # Of the last `depth` frames: the costs along natural successors, and what remains after a node.
     sums = np.zeros((depth, n_nodes + 1))
     remains = np.full((depth, n_nodes + 1), np.inf)
-    costs = np.empty(n_nodes)
+    costs, earned = np.empty(n_nodes), np.zeros(n_nodes)
     free = np.full(n_nodes + 1, np.inf)  # of a path that may do as it likes in the frame ahead
     targets = np.empty(MOST_TARGETS + 1, dtype=np.int64)
     n_targets = 0
@@ -92,10 +94,11 @@ def solve(first_frame, last_frame, after, min_stay, prices, joins, actions, ente
         if frame == last_frame - 1:
             _finish(rest, after, prices, joins, actions[frame - first_frame], frame)
         else:
-            holding = prices.holding[prices.states[frame + 1]]
+            # What is held earns nothing.
+            holding = prices.holding[prices.states[frame + 1]] + earned
             chosen = actions[frame - first_frame]
             n_targets = _continue(rest, free, holding, entered, prices.join, joins, chosen, targets, n_targets)
-        frame_costs(frame, prices, costs)
+        _frame_costs(frame, prices, costs, earned)
         for node in range(n_nodes):
             free[node] = costs[node] + rest[node]
             sums[here, node] = costs[node]

@@ -112,7 +112,8 @@ class Problem:
         self.settings = prices.config.global_search
         graph = prices.graph
         self.min_stay = max(1, round(self.settings.min_stay_seconds * graph.fps))
-        self.joins = joins_of(graph, self.settings.lambda_join, prices.config.continuity)
+        stutter = round(self.settings.stutter_seconds * graph.fps)
+        self.joins = joins_of(graph, self.settings.lambda_join, stutter, prices.config.continuity)
         # Rewards of the same gain count as one.
         gains: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         for reward in prices.rewards:
@@ -199,12 +200,15 @@ class Problem:
 
 
 @lru_cache(maxsize=1)
-def joins_of(graph: MotionGraph, lambda_join: float, metric: Continuity) -> kernels.Joins:
-    """What the kernels need of a graph; test clips that share it share this too."""
+def joins_of(graph: MotionGraph, lambda_join: float, stutter: int, metric: Continuity) -> kernels.Joins:
+    """What the kernels need of a graph; test clips that share it share this too.
+
+    stutter : no join may jump so few frames or less, back or ahead, within a segment
+    """
     poses, velocities = graph.poses, graph.velocities
     nodes = np.arange(graph.n_nodes)
     ends = graph.segment_ends
-    matrix = _matrix(graph, lambda_join, metric)
+    matrix = _matrix(graph, lambda_join, stutter, metric)
     return kernels.Joins(
         successors=graph.successors,
         left=ends[np.searchsorted(ends, nodes)] - nodes + 1,
@@ -217,7 +221,7 @@ def joins_of(graph: MotionGraph, lambda_join: float, metric: Continuity) -> kern
     )
 
 
-def _matrix(graph: MotionGraph, lambda_join: float, metric: Continuity) -> np.ndarray:
+def _matrix(graph: MotionGraph, lambda_join: float, stutter: int, metric: Continuity) -> np.ndarray:
     """The costs of joins to each node from each other one, float32 `[shape=(N, N)]`; inf for steps that are no joins."""
     found = np.zeros((graph.n_nodes, graph.n_nodes), dtype=np.float32)
     nodes, ahead = np.arange(graph.n_nodes), graph.successors
@@ -228,6 +232,12 @@ def _matrix(graph: MotionGraph, lambda_join: float, metric: Continuity) -> np.nd
             apart = squares[rows, None] + squares[ahead] - 2.0 * (centred[rows] @ centred[ahead].T)
             found[rows] += (lambda_join * weight * np.sqrt(np.maximum(apart, 0.0))).astype(np.float32)
     found[nodes, nodes] = found[ahead, nodes] = np.inf
+    segment = np.searchsorted(graph.segment_starts, nodes, side="right")
+    for jump in range(-stutter, stutter + 1):
+        inside = (nodes + 1 + jump >= 0) & (nodes + 1 + jump < graph.n_nodes)
+        froms, to = nodes[inside], nodes[inside] + 1 + jump
+        same = segment[froms] == segment[to]
+        found[to[same], froms[same]] = np.inf
     return found
 
 

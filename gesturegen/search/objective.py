@@ -91,7 +91,7 @@ def terms(nodes: np.ndarray, prices: PriceList) -> dict[str, np.ndarray]:
     costs["state"] = prices.resting[speaking, nodes]
     costs["used"] = np.asarray(prices.used, dtype=float)[nodes]
     for reward in prices.rewards:
-        costs[reward.name] -= reward.gain * reward.worth[nodes]
+        costs[reward.name] -= np.where(held, 0.0, reward.gain * reward.worth[nodes])
     rests = ~np.asarray(prices.speaking) & ~graph.speaking[nodes]
     costs["held"] = np.where(held, np.where(rests, settings.lambda_rest, settings.lambda_hold), 0.0)
     if prices.controlled is not None:
