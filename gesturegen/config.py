@@ -353,16 +353,16 @@ class Phrases(_Section):
 
 
 class GlobalSearch(_Section):
-    join_price: NotNegative = 100.0
+    join_price: NotNegative = 60.0
     lambda_join: NotNegative = 1.0
     min_stay_seconds: NotNegative = 0.67
     stutter_seconds: NotNegative = 0.5
     lambda_state: NotNegative = 3.0
     lambda_hold: NotNegative = 20.0
     lambda_rest: NotNegative = 1.0
-    lambda_beat: NotNegative = 10.0
+    lambda_beat: NotNegative = 15.0
     beat_lag_seconds: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
-    lambda_onset: NotNegative = 5.0
+    lambda_onset: NotNegative = 3.0
     lambda_phrase: NotNegative = 5.0
     lambda_keyword: NotNegative = 20.0
     lambda_repeat: NotNegative = 1.0

@@ -22,13 +22,14 @@ class Joins(NamedTuple):
     successors, left : int [shape=(N,)], the natural successor (itself at a segment's end); nodes to the segment's end
     matrix : float32 [shape=(N, N)], what a join to a node (row) from another one (column) costs beside its price; inf
         for steps that are no joins
-    blocks : float32 [shape=(B, B)], the least of each `BLOCK` rows and columns of it
+    rows : float32 [shape=(N, B)], the least of each `BLOCK` columns of it; blocks : [shape=(B, B)], of as many rows, too
     poses, velocities : float64 [shape=(N, D)]; by_pose, by_velocity : their weights in a join cost
     """
 
     successors: np.ndarray
     left: np.ndarray
     matrix: np.ndarray
+    rows: np.ndarray
     blocks: np.ndarray
     poses: np.ndarray
     velocities: np.ndarray
@@ -181,7 +182,8 @@ def _continue(rest, free, holding, entered, price, joins, chosen, targets, n_tar
             if least[other] + joins.blocks[other, block] < most[block]:
                 first, last = block * BLOCK, min((block + 1) * BLOCK, n_nodes)
                 for target in range(other * BLOCK, min((other + 1) * BLOCK, n_nodes)):
-                    _try(target, costs[target], joins.matrix, first, last, room, to)
+                    if costs[target] + joins.rows[target, block] < most[block]:
+                        _try(target, costs[target], joins.matrix, first, last, room, to)
     is_target = np.zeros(n_nodes, dtype=np.bool_)
     n_targets = 0
     for node in range(n_nodes):

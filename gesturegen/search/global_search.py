@@ -209,11 +209,14 @@ def joins_of(graph: MotionGraph, lambda_join: float, stutter: int, metric: Conti
     nodes = np.arange(graph.n_nodes)
     ends = graph.segment_ends
     matrix = _matrix(graph, lambda_join, stutter, metric)
+    firsts = np.arange(0, graph.n_nodes, kernels.BLOCK)
+    rows = np.minimum.reduceat(matrix, firsts, axis=1)
     return kernels.Joins(
         successors=graph.successors,
         left=ends[np.searchsorted(ends, nodes)] - nodes + 1,
         matrix=matrix,
-        blocks=_blocks(matrix),
+        rows=rows,
+        blocks=np.minimum.reduceat(rows, firsts, axis=0),
         poses=poses,
         velocities=velocities,
         by_pose=lambda_join * metric.lambda_pos,
@@ -228,9 +231,12 @@ def _matrix(graph: MotionGraph, lambda_join: float, stutter: int, metric: Contin
     for points, weight in ((graph.poses, metric.lambda_pos), (graph.velocities, metric.lambda_vel)):
         centred = points - points.mean(axis=0)
         squares = (centred**2).sum(axis=1)
-        for rows in np.array_split(nodes, max(1, graph.n_nodes // 1024)):
-            apart = squares[rows, None] + squares[ahead] - 2.0 * (centred[rows] @ centred[ahead].T)
-            found[rows] += (lambda_join * weight * np.sqrt(np.maximum(apart, 0.0))).astype(np.float32)
+        for rows in np.array_split(nodes, max(1, graph.n_nodes // 256)):
+            apart = centred[rows] @ (-2.0 * centred[ahead].T)
+            apart += squares[rows, None]
+            apart += squares[ahead]
+            np.sqrt(np.maximum(apart, 0.0, out=apart), out=apart)
+            found[rows] += lambda_join * weight * apart
     found[nodes, nodes] = found[ahead, nodes] = np.inf
     segment = np.searchsorted(graph.segment_starts, nodes, side="right")
     for jump in range(-stutter, stutter + 1):
@@ -239,9 +245,3 @@ def _matrix(graph: MotionGraph, lambda_join: float, stutter: int, metric: Contin
         same = segment[froms] == segment[to]
         found[to[same], froms[same]] = np.inf
     return found
-
-
-def _blocks(matrix: np.ndarray) -> np.ndarray:
-    """The least join cost between the nodes of each two blocks `[shape=(B, B)]`."""
-    firsts = np.arange(0, len(matrix), kernels.BLOCK)
-    return np.ascontiguousarray(np.minimum.reduceat(np.minimum.reduceat(matrix, firsts, axis=0), firsts, axis=1))
