@@ -17,17 +17,20 @@ NATURAL, HOLD = -1, -2  # how a path goes on; a number from 0 on is the node tha
 
 
 class Joins(NamedTuple):
-    """What a graph offers to a search, for N nodes.
+    """What a graph offers to a search, for N nodes, of which G are gates: joins lead from gates to gates.
 
     successors, left : int [shape=(N,)], the natural successor (itself at a segment's end); nodes to the segment's end
-    matrix : float32 [shape=(N, N)], what a join to a node (row) from another one (column) costs beside its price; inf
+    gates : int [shape=(G,)], ascending; `shift` gates before a gate is the one a frame before it, 0 where none is
+    matrix : float32 [shape=(G, G)], what a join to a gate (row) from another one (column) costs beside its price; inf
         for steps that are no joins
-    rows : float32 [shape=(N, B)], the least of each `BLOCK` columns of it; blocks : [shape=(B, B)], of as many rows, too
+    rows : float32 [shape=(G, B)], the least of each `BLOCK` columns of it; blocks : [shape=(B, B)], of as many rows, too
     poses, velocities : float64 [shape=(N, D)]; by_pose, by_velocity : their weights in a join cost
     """
 
     successors: np.ndarray
     left: np.ndarray
+    gates: np.ndarray
+    shift: int
     matrix: np.ndarray
     rows: np.ndarray
     blocks: np.ndarray
@@ -154,45 +157,48 @@ def _continue(rest, free, holding, entered, price, joins, chosen, targets, n_tar
     likely is here. What else may be cheaper is found block by block: no pose of one block of nodes is nearer to one
     of another than the blocks are.
     """
-    n_nodes, n_blocks = len(chosen), len(joins.blocks)
-    for node in range(n_nodes):
+    for node in range(len(chosen)):
         natural = free[node + 1] if joins.left[node] > 1 else np.inf
         held = holding[node] + free[node]
         if natural <= held:
             rest[node], chosen[node] = natural, NATURAL
         else:
             rest[node], chosen[node] = held, HOLD
-    # What a join from each node may cost at most, and the cheapest one.
+    # What a join from each gate may cost at most, and the cheapest one.
+    n_gates, n_blocks = len(joins.gates), len(joins.blocks)
     room = np.full(n_blocks * BLOCK, -np.inf, dtype=np.float32)
     costs = np.full(n_blocks * BLOCK, np.inf, dtype=np.float32)
-    for node in range(n_nodes):
-        room[node] = rest[node] - price
-        costs[node] = entered[node]
+    for gate in range(n_gates):
+        room[gate] = rest[joins.gates[gate]] - price
+        costs[gate] = entered[joins.gates[gate]]
     to = np.full(n_blocks * BLOCK, -1, dtype=np.int32)
-    targets[n_targets] = np.argmin(entered) + 1
+    targets[n_targets] = np.argmin(costs) + joins.shift
     for k in range(n_targets, -1, -1):
-        if targets[k] > 0:
-            _try(targets[k] - 1, costs[targets[k] - 1], joins.matrix, 0, n_nodes, room, to)
+        target = targets[k] - joins.shift
+        if target >= 0:
+            _try(target, costs[target], joins.matrix, 0, n_gates, room, to)
     least, most = np.empty(n_blocks, dtype=np.float32), np.empty(n_blocks, dtype=np.float32)
     for block in range(n_blocks):
-        part = slice(block * BLOCK, (block + 1) * BLOCK)
-        least[block], most[block] = costs[part].min(), room[part].max()
+        least[block], most[block] = np.inf, -np.inf
+        for gate in range(block * BLOCK, (block + 1) * BLOCK):
+            least[block], most[block] = min(least[block], costs[gate]), max(most[block], room[gate])
     for other in range(n_blocks):
         for block in range(n_blocks):
             if least[other] + joins.blocks[other, block] < most[block]:
-                first, last = block * BLOCK, min((block + 1) * BLOCK, n_nodes)
-                for target in range(other * BLOCK, min((other + 1) * BLOCK, n_nodes)):
+                first, last = block * BLOCK, min((block + 1) * BLOCK, n_gates)
+                for target in range(other * BLOCK, min((other + 1) * BLOCK, n_gates)):
                     if costs[target] + joins.rows[target, block] < most[block]:
                         _try(target, costs[target], joins.matrix, first, last, room, to)
-    is_target = np.zeros(n_nodes, dtype=np.bool_)
+    is_target = np.zeros(n_gates, dtype=np.bool_)
     n_targets = 0
-    for node in range(n_nodes):
-        target = to[node]
+    for gate in range(n_gates):
+        target = to[gate]
         if target < 0:
             continue
-        cost = price + entered[target] + joins.matrix[target, node]
+        node = joins.gates[gate]
+        cost = price + entered[joins.gates[target]] + joins.matrix[target, gate]
         if cost < rest[node]:
-            rest[node], chosen[node] = cost, target
+            rest[node], chosen[node] = cost, joins.gates[target]
             if not is_target[target] and n_targets < MOST_TARGETS:
                 is_target[target] = True
                 targets[n_targets] = target
@@ -211,11 +217,11 @@ def join_cost(node, other, joins):
 
 @numba.njit(cache=True, nogil=True)
 def _try(target, cost, matrix, first, last, room, to):
-    """Join to one node from the nodes [first, last), where that is cheaper than what is known."""
-    for node in range(first, last):
-        if cost + matrix[target, node] < room[node]:
-            room[node] = cost + matrix[target, node]
-            to[node] = target
+    """Join to one gate from the gates [first, last), where that is cheaper than what is known."""
+    for gate in range(first, last):
+        if cost + matrix[target, gate] < room[gate]:
+            room[gate] = cost + matrix[target, gate]
+            to[gate] = target
 
 
 @numba.njit(cache=True, nogil=True)

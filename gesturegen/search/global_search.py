@@ -3,7 +3,8 @@
 A path names one node per frame of the speech; between joins it stays in the recording at its own pace. Onsets,
 keywords and phrases of the speech are rewards where the recording answers them, a join has a fixed price and the
 distance between its poses, and a stay has a shortest length. The cheapest path is found by dynamic programming over
-frames and nodes, exactly but for what is shown again: windows of the path are solved again with a price on what the
+frames and nodes, exactly (in large
+graphs among every k-th node for joins) but for what is shown again: windows of the path are solved again with a price on what the
 rest of it shows, and kept where the objective (`objective.py`) falls. It never fails: every node may be held.
 """
 
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -25,11 +27,9 @@ from gesturegen.search import objective, rewards
 from gesturegen.search.objective import NEAR_NODES, PriceList
 from gesturegen.search.path import JOIN, Piece, Target
 
-# Up to so many nodes all distances are kept, 256 MB; beyond it poses are compared by sketches.
-MOST_IN_MATRIX = 8192
-# Principal components of poses, and of velocities, that joins are compared by first.
-_SKETCH_TERMS = 12
-_ROUNDOFF = float(np.finfo(np.float32).eps)
+# In a graph of more nodes than this, joins lead from and to every second, third, ... node and segments' ends alone: the
+# costs of all joins take 256 MB at the most.
+MOST_GATES = 8192
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ def spread_rests(nodes: np.ndarray, prices: PriceList) -> np.ndarray:
     joins = objective.joined(nodes, graph)
     for start, end in runs(resting).tolist():
         cuts = [start, *(start + 1 + np.flatnonzero(joins[start + 1 : end])).tolist(), end]
-        for first, last in zip(cuts[:-1], cuts[1:], strict=True):
+        for first, last in pairwise(cuts):
             steps = nodes[last - 1] - nodes[first]
             if 0 < steps < last - first - 1:
                 spread[first:last] = nodes[first] + np.round(np.linspace(0, steps, last - first)).astype(int)
@@ -188,7 +188,7 @@ class Problem:
         n_nodes = self.prices.graph.n_nodes
         starts = [0, *np.flatnonzero(objective.joined(nodes, self.prices.graph)).tolist(), len(nodes)]
         rows = []
-        for start, end in zip(starts[:-1], starts[1:], strict=True):
+        for start, end in pairwise(starts):
             if start < last and end > first:
                 continue  # in the window
             for frame in range(max(first, start - reach), min(last, end + reach)):
@@ -205,43 +205,38 @@ def joins_of(graph: MotionGraph, lambda_join: float, stutter: int, metric: Conti
 
     stutter : no join may jump so few frames or less, back or ahead, within a segment
     """
-    poses, velocities = graph.poses, graph.velocities
-    nodes = np.arange(graph.n_nodes)
-    ends = graph.segment_ends
-    matrix = _matrix(graph, lambda_join, stutter, metric)
-    firsts = np.arange(0, graph.n_nodes, kernels.BLOCK)
+    nodes, ends = np.arange(graph.n_nodes), graph.segment_ends
+    step = -(-graph.n_nodes // MOST_GATES)
+    gates = np.union1d(nodes[::step], ends)  # where a segment ends a path must be able to leave it
+    matrix = _matrix(graph, gates, lambda_join, stutter, metric)
+    firsts = np.arange(0, len(gates), kernels.BLOCK)
     rows = np.minimum.reduceat(matrix, firsts, axis=1)
     return kernels.Joins(
-        successors=graph.successors,
-        left=ends[np.searchsorted(ends, nodes)] - nodes + 1,
-        matrix=matrix,
-        rows=rows,
-        blocks=np.minimum.reduceat(rows, firsts, axis=0),
-        poses=poses,
-        velocities=velocities,
-        by_pose=lambda_join * metric.lambda_pos,
+        successors=graph.successors, left=ends[np.searchsorted(ends, nodes)] - nodes + 1, gates=gates,
+        shift=int(step == 1), matrix=matrix, rows=rows, blocks=np.minimum.reduceat(rows, firsts, axis=0),
+        poses=graph.poses, velocities=graph.velocities, by_pose=lambda_join * metric.lambda_pos,
         by_velocity=lambda_join * metric.lambda_vel,
-    )
+    )  # fmt: skip
 
 
-def _matrix(graph: MotionGraph, lambda_join: float, stutter: int, metric: Continuity) -> np.ndarray:
-    """The costs of joins to each node from each other one, float32 `[shape=(N, N)]`; inf for steps that are no joins."""
-    found = np.zeros((graph.n_nodes, graph.n_nodes), dtype=np.float32)
-    nodes, ahead = np.arange(graph.n_nodes), graph.successors
+def _matrix(graph: MotionGraph, gates: np.ndarray, lambda_join: float, stutter: int, metric: Continuity) -> np.ndarray:
+    """The costs of joins to each gate from each other one, float32 `[shape=(G, G)]`; inf for what is no join."""
+    found = np.zeros((len(gates), len(gates)), dtype=np.float32)
+    ahead = graph.successors[gates]
     for points, weight in ((graph.poses, metric.lambda_pos), (graph.velocities, metric.lambda_vel)):
-        centred = points - points.mean(axis=0)
-        squares = (centred**2).sum(axis=1)
-        for rows in np.array_split(nodes, max(1, graph.n_nodes // 256)):
-            apart = centred[rows] @ (-2.0 * centred[ahead].T)
-            apart += squares[rows, None]
-            apart += squares[ahead]
+        points = points - points.mean(axis=0)
+        to, froms = points[gates], points[ahead]
+        squares = (to**2).sum(axis=1), (froms**2).sum(axis=1)
+        for rows in np.array_split(np.arange(len(gates)), max(1, len(gates) // 256)):
+            apart = to[rows] @ (-2.0 * froms.T)
+            apart += squares[0][rows, None]
+            apart += squares[1]
             np.sqrt(np.maximum(apart, 0.0, out=apart), out=apart)
             found[rows] += lambda_join * weight * apart
-    found[nodes, nodes] = found[ahead, nodes] = np.inf
-    segment = np.searchsorted(graph.segment_starts, nodes, side="right")
-    for jump in range(-stutter, stutter + 1):
-        inside = (nodes + 1 + jump >= 0) & (nodes + 1 + jump < graph.n_nodes)
-        froms, to = nodes[inside], nodes[inside] + 1 + jump
-        same = segment[froms] == segment[to]
-        found[to[same], froms[same]] = np.inf
+    segments = np.searchsorted(graph.segment_starts, gates, side="right")
+    for row, gate in enumerate(gates):
+        near = slice(*np.searchsorted(gates, (gate - 1 - stutter, gate + stutter)))
+        found[row, near][segments[near] == segments[row]] = np.inf
+    found[np.arange(len(gates)), np.arange(len(gates))] = np.inf
+    found[ahead[None, :] == gates[:, None]] = np.inf
     return found
