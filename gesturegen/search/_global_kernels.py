@@ -20,6 +20,7 @@ class Joins(NamedTuple):
     """What a graph offers to a search, for N nodes, of which G are gates: joins lead from gates to gates.
 
     successors, left : int [shape=(N,)], the natural successor (itself at a segment's end); nodes to the segment's end
+    segments : int [shape=(N,)], the number of each node's segment; stutter : no join may jump so few frames in one
     gates : int [shape=(G,)], ascending; `shift` gates before a gate is the one a frame before it, 0 where none is
     matrix : float32 [shape=(G, G)], what a join to a gate (row) from another one (column) costs beside its price; inf
         for steps that are no joins
@@ -29,6 +30,8 @@ class Joins(NamedTuple):
 
     successors: np.ndarray
     left: np.ndarray
+    segments: np.ndarray
+    stutter: int
     gates: np.ndarray
     shift: int
     matrix: np.ndarray
@@ -96,7 +99,9 @@ def solve(first_frame, last_frame, after, min_stay, prices, joins, actions, ente
         here, ahead = frame % depth, (frame + 1) % depth
         rest = remains[here]
         if frame == last_frame - 1:
-            _finish(rest, after, prices, joins, actions[frame - first_frame], frame)
+            if after >= 0:
+                _frame_costs(last_frame, prices, costs, earned)
+            _finish(rest, after, earned, prices, joins, actions[frame - first_frame], frame)
         else:
             # What is held earns nothing.
             holding = prices.holding[prices.states[frame + 1]] + earned
@@ -123,9 +128,9 @@ def _enter(frame, last_frame, after, min_stay, joins, sums, remains, entered):
         if length < joins.left[node] and length < left_in_window:
             cost -= sums[(last + 1) % depth, node + length]
         end = node + length - 1
-        if length < min_stay and length == left_in_window and after >= 0:
-            # Only what goes on naturally is long enough.
-            if joins.successors[end] != after or joins.left[end] == 1:
+        if length < min(min_stay, joins.left[node]) and after >= 0:
+            # Cut by the window: only what goes on naturally is long enough.
+            if joins.successors[end] != after:
                 cost = np.inf
         else:
             cost += remains[last % depth, end]
@@ -133,20 +138,21 @@ def _enter(frame, last_frame, after, min_stay, joins, sums, remains, entered):
 
 
 @numba.njit(cache=True, nogil=True)
-def _finish(rest, after, prices, joins, chosen, frame):
-    """What remains after the last frame of a window."""
+def _finish(rest, after, earned, prices, joins, chosen, frame):
+    """What remains after the last frame of a window.
+
+    earned : [shape=(N,)], by the way in the frame that follows
+    """
     for node in range(len(chosen)):
         rest[node], chosen[node] = 0.0, NATURAL
-        if after < 0:
+        if after < 0 or (joins.successors[node] == after and joins.left[node] > 1):
             continue
-        ahead = joins.successors[node]
-        if ahead == after and joins.left[node] > 1:
-            continue
-        rest[node], chosen[node] = prices.join + join_cost(ahead, after, joins), after
         if node == after:
-            held = prices.holding[prices.states[frame + 1], node]
-            if held < rest[node] or joins.left[node] == 1:
-                rest[node], chosen[node] = held, HOLD
+            rest[node], chosen[node] = prices.holding[prices.states[frame + 1], node] + earned[node], HOLD
+        elif joins.segments[node] == joins.segments[after] and abs(after - node - 1) <= joins.stutter:
+            rest[node] = np.inf
+        else:
+            rest[node], chosen[node] = prices.join + join_cost(joins.successors[node], after, joins), after
 
 
 @numba.njit(cache=True, nogil=True)

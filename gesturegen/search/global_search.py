@@ -34,7 +34,7 @@ MOST_GATES = 8192
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """The stays of the path, and the objective by term: of the exact path without repetition, and of this one."""
+    """The stays of the path, and the objective by term: of the exact path without repetition, and after the sweeps."""
 
     pieces: tuple[Piece, ...]
     first: dict[str, float]
@@ -58,9 +58,10 @@ def search(
     if config.global_search.lambda_repeat > 0:
         for stays in range(1, config.global_search.sweeps + 1):
             nodes = problem.sweep(nodes, stays)
+    final = objective.total(nodes, prices)
     if control is None:  # frames of a rest are as good as one another, unless somebody says otherwise
         nodes = spread_rests(nodes, prices)
-    return Result(_stays(nodes, prices), first, objective.total(nodes, prices))
+    return Result(_stays(nodes, prices), first, final)
 
 
 def price_list(
@@ -90,7 +91,8 @@ def _stays(nodes: np.ndarray, prices: PriceList) -> tuple[Piece, ...]:
 def spread_rests(nodes: np.ndarray, prices: PriceList) -> np.ndarray:
     """Draw rests out evenly: where frames of a pause are held, all nodes of that rest share them.
 
-    nodes : `[shape=(T,)]`, of the path. It costs the same, and is slow motion in place of a stop.
+    nodes : `[shape=(T,)]`, of the path. It is slow motion in place of a stop, and costs the same but for what a frame or
+    two beside an onset earns.
     """
     graph, spread = prices.graph, nodes.copy()
     resting = ~np.asarray(prices.speaking) & ~graph.speaking[nodes]
@@ -208,7 +210,8 @@ def joins_of(graph: MotionGraph, lambda_join: float, stutter: int, metric: Conti
     nodes, ends = np.arange(graph.n_nodes), graph.segment_ends
     step = -(-graph.n_nodes // MOST_GATES)
     gates = np.union1d(nodes[::step], ends)  # where a segment ends a path must be able to leave it
-    matrix = _matrix(graph, gates, lambda_join, stutter, metric)
+    segments = np.searchsorted(graph.segment_starts, nodes, side="right")
+    matrix = _matrix(graph, gates, lambda_join, stutter, segments[gates], metric)
     firsts = np.arange(0, len(gates), kernels.BLOCK)
     rows = np.minimum.reduceat(matrix, firsts, axis=1)
     return kernels.Joins(
@@ -233,7 +236,6 @@ def _matrix(graph: MotionGraph, gates: np.ndarray, lambda_join: float, stutter: 
             apart += squares[1]
             np.sqrt(np.maximum(apart, 0.0, out=apart), out=apart)
             found[rows] += lambda_join * weight * apart
-    segments = np.searchsorted(graph.segment_starts, gates, side="right")
     for row, gate in enumerate(gates):
         near = slice(*np.searchsorted(gates, (gate - 1 - stutter, gate + stutter)))
         found[row, near][segments[near] == segments[row]] = np.inf
