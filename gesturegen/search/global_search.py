@@ -211,19 +211,24 @@ def joins_of(graph: MotionGraph, lambda_join: float, stutter: int, metric: Conti
     step = -(-graph.n_nodes // MOST_GATES)
     gates = np.union1d(nodes[::step], ends)  # where a segment ends a path must be able to leave it
     segments = np.searchsorted(graph.segment_starts, nodes, side="right")
-    matrix = _matrix(graph, gates, lambda_join, stutter, segments[gates], metric)
+    matrix = _matrix(graph, gates, lambda_join, metric)
+    for row, gate in enumerate(gates):
+        near = slice(*np.searchsorted(gates, (gate - 1 - stutter, gate + stutter)))
+        matrix[row, near][segments[gates[near]] == segments[gate]] = np.inf
+    matrix[graph.successors[gates] == gates[:, None]] = np.inf
+    np.fill_diagonal(matrix, np.inf)
     firsts = np.arange(0, len(gates), kernels.BLOCK)
     rows = np.minimum.reduceat(matrix, firsts, axis=1)
     return kernels.Joins(
-        successors=graph.successors, left=ends[np.searchsorted(ends, nodes)] - nodes + 1, gates=gates,
-        shift=int(step == 1), matrix=matrix, rows=rows, blocks=np.minimum.reduceat(rows, firsts, axis=0),
+        successors=graph.successors, left=ends[np.searchsorted(ends, nodes)] - nodes + 1, segments=segments,
+        stutter=stutter, gates=gates, shift=int(step == 1), matrix=matrix, rows=rows, blocks=np.minimum.reduceat(rows, firsts, axis=0),
         poses=graph.poses, velocities=graph.velocities, by_pose=lambda_join * metric.lambda_pos,
         by_velocity=lambda_join * metric.lambda_vel,
     )  # fmt: skip
 
 
-def _matrix(graph: MotionGraph, gates: np.ndarray, lambda_join: float, stutter: int, metric: Continuity) -> np.ndarray:
-    """The costs of joins to each gate from each other one, float32 `[shape=(G, G)]`; inf for what is no join."""
+def _matrix(graph: MotionGraph, gates: np.ndarray, lambda_join: float, metric: Continuity) -> np.ndarray:
+    """The costs of joins to each gate from each other one, float32 `[shape=(G, G)]`."""
     found = np.zeros((len(gates), len(gates)), dtype=np.float32)
     ahead = graph.successors[gates]
     for points, weight in ((graph.poses, metric.lambda_pos), (graph.velocities, metric.lambda_vel)):
@@ -236,9 +241,4 @@ def _matrix(graph: MotionGraph, gates: np.ndarray, lambda_join: float, stutter: 
             apart += squares[1]
             np.sqrt(np.maximum(apart, 0.0, out=apart), out=apart)
             found[rows] += lambda_join * weight * apart
-    for row, gate in enumerate(gates):
-        near = slice(*np.searchsorted(gates, (gate - 1 - stutter, gate + stutter)))
-        found[row, near][segments[near] == segments[row]] = np.inf
-    found[np.arange(len(gates)), np.arange(len(gates))] = np.inf
-    found[ahead[None, :] == gates[:, None]] = np.inf
     return found
