@@ -20,7 +20,7 @@ _GESTURES_PER_FRAME = 2_500
 # of the shortest stay two rows, of what is earned and priced some forty more, each a number a node; and join costs of
 # all pairs of nodes, up to a limit, while they are made some more.
 _PER_FRAME_AND_NODE, _ROWS, _PER_ROW_AND_NODE = 4, 40, 8
-_JOINS_PER_PAIR, _MOST_JOINS = 6.0, 300e6
+_JOINS_PER_PAIR, _MOST_JOINS = 8.0, 350e6
 
 
 def estimate(reference_frames: int, test_frames: int, config: Config, kept_frames: int = 0) -> float:

@@ -154,7 +154,7 @@ def test_extreme_scales_of_positions(scale):
     joined = 0
     for _ in range(20):
         prices = random_prices(rng, scale=scale, lambda_join=1.0 / scale)
-        nodes, cost = check_optimal(prices)
+        _, cost = check_optimal(prices)
         joined += "distance" in cost
     assert joined > 2
 
