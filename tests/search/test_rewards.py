@@ -1,11 +1,13 @@
 """Rewards on planted curves: bells, motion beats, their lag, and what each reward answers to."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from gesturegen.config import GlobalSearch
+from gesturegen.pipeline import build_graph
 from gesturegen.search import rewards
 from tests import tiny
 
@@ -104,6 +106,20 @@ def test_without_hands_or_beats_or_onsets_there_is_no_lag():
     unknown = replace(moving(onsets, onsets=onsets), joint_names=("a", "b"))
     for graph in (unknown, moving([], onsets=onsets), moving(onsets, onsets=[30])):
         assert rewards.measure_beat_lag(graph, config) is None
+
+
+def test_build_graph_says_how_sure_the_lag_is():
+    onsets = np.random.default_rng(0).permutation(np.arange(30, 870, 18))[:30]
+    (line,) = build_graph._beat_lag(moving(onsets + 6, onsets=sorted(onsets.tolist())), only())
+    assert re.fullmatch(
+        r"beats of the hands follow the onsets by \+0\.2\d s \(z \d+\.\d\); used is global_search.beat_lag_seconds = 0",
+        line,
+    )
+    unsure = moving(np.arange(40, 870, 37), onsets=range(30, 870, 11))
+    assert rewards.measure_beat_lag(unsure, only())[1] < build_graph.SURE
+    (line,) = build_graph._beat_lag(unsure, only())
+    assert re.fullmatch(r"beats of the hands follow the onsets by no lag that stands out \(z -?\d\.\d\)", line)
+    assert build_graph._beat_lag(tiny.graph_of_positions(np.zeros((9, 1, 3))), only()) == []
 
 
 # --- the rewards ----------------------------------------------------------------------------------------------
