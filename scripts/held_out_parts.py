@@ -39,7 +39,9 @@ def cut(source: Path, name: str, start: float, end: float, target: Path, part: s
 
 def write_metadata(split: Path, names: list[str]) -> None:
     with (split / "metadata.csv").open("w", newline="") as file:
-        csv.writer(file).writerows([["prefix", "main-agent_id"], *([name.removesuffix("_main-agent"), "1"] for name in names)])
+        csv.writer(file).writerows(
+            [["prefix", "main-agent_id"], *([name.removesuffix("_main-agent"), "1"] for name in names)]
+        )
 
 
 def main() -> None:
@@ -57,7 +59,11 @@ def main() -> None:
             seconds = min(motion.n_frames / motion.fps, len(samples) / rate)
             bounds = np.linspace(0.0, seconds, given.parts + 1)
             stem = name.removesuffix("_main-agent")
-            pieces = [("trn", 0.0, bounds[part], "a"), ("val", bounds[part], bounds[part + 1], "b"), ("trn", bounds[part + 1], seconds, "c")]
+            pieces = [
+                ("trn", 0.0, bounds[part], "a"),
+                ("val", bounds[part], bounds[part + 1], "b"),
+                ("trn", bounds[part + 1], seconds, "c"),
+            ]
             for split, start, end, letter in pieces:
                 if end - start > 1.0:
                     clip = f"{stem}{letter}_main-agent"

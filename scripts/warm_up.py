@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from gesturegen.clips import Speech
 from gesturegen.config import Continuity, load_config
 from gesturegen.gestures import transitions
 from gesturegen.gestures.transitions import Borders
@@ -10,7 +11,6 @@ from gesturegen.keynodes import KeyNodes
 from gesturegen.motion import rotation
 from gesturegen.motion.skeleton import read_only
 from gesturegen.search import beam, global_search, viterbi
-from gesturegen.search.path import Target
 from gesturegen.speech import audio, prosody
 
 
@@ -28,8 +28,7 @@ def main() -> None:
         source_frames=np.arange(50), key_nodes=key_nodes, speaking=np.arange(50) < 40,
     )  # fmt: skip
     beam.search(graph, graph.stop_nodes(None), np.array([0]), 20, config.beam)
-    targets = [Target(0, 20, "onset"), Target(20, 40, "break")]
-    global_search.search(graph, targets, np.arange(40) < 30, config)
+    global_search.search(graph, Speech("noise", np.array([0.5]), (), 40, 30.0), config)
     poses = Borders(rng.normal(size=(3, 2, 2, 3)).astype(np.float32), np.tile(rotation.IDENTITY, (3, 2, 2, 1)))
     counts, sources, costs = (read_only(array) for array in transitions.edges(poses, poses, 0, 3, 1.0, 1.0, np.inf))
     edges = viterbi.InEdges(np.append(0, np.cumsum(counts)), sources, costs)

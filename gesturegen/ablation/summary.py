@@ -43,8 +43,6 @@ FIGURES = (
     Measure("fallback_keyword", "keyword fallback", BEHIND_BLOCK),
     Measure("fallback_discard", "discard", BEHIND_BLOCK),
     Measure("fallback_repeat", "repeat", BEHIND_BLOCK),
-    Measure("fallback_hold", "hold", BEHIND_BLOCK),
-    Measure("fallback_end", "end", BEHIND_BLOCK),
     Measure("fallback_kind", "rest for gesture", BEHIND_BLOCK),
     Measure("fallback_edge", "no edge", BEHIND_BLOCK),
     Measure("fallback_scale", "out of time scale", BEHIND_BLOCK),
@@ -64,7 +62,7 @@ FIGURES = (
 )
 # The one figure that no second run repeats.
 MEASURED_TIME = "search_seconds"
-FALLBACKS = ("keyword", "discard", "repeat", "hold", "end", "kind", "edge", "scale")
+FALLBACKS = ("keyword", "discard", "repeat", "kind", "edge", "scale")
 # Sums and maxima over the clips of a run; the others are means over its clips that have an output.
 _SUMS = {"failure", *(f"fallback_{kind}" for kind in FALLBACKS), "retries", "pieces", "natural_joins"}
 _MAXIMA = {"max_uses"}

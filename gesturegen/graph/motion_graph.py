@@ -11,7 +11,7 @@ import numpy as np
 
 from gesturegen.clips import Reference
 from gesturegen.config import Config, Continuity, Phrases
-from gesturegen.graph import continuity, neighbours, pruning, reference_frames
+from gesturegen.graph import continuity, pruning, reference_frames
 from gesturegen.graph.reference_frames import ReferenceFrames, describe, join, positions_of, require_one_skeleton
 from gesturegen.speech.pauses import phrase_ends
 
@@ -30,8 +30,6 @@ class MotionGraph(ReferenceFrames):
     indptr : int [shape=(N + 1,)], indices : int [shape=(E,)], ascending in each row
     weights : float32 [shape=(E,)], 0 for natural edges; natural : bool [shape=(E,)]
     thresholds : float [shape=(N,)], NaN where there is none
-    near_nodes : int32 [shape=(N, M)], the M nearest other nodes of each, nearest first (`neighbours.py`)
-    near_distances : float [shape=(N, M)], how far they are
     phrase_ends : int [shape=(E,)], the nodes at which a phrase of the references' speech ends
     """
 
@@ -40,8 +38,6 @@ class MotionGraph(ReferenceFrames):
     weights: np.ndarray
     natural: np.ndarray
     thresholds: np.ndarray
-    near_nodes: np.ndarray
-    near_distances: np.ndarray
     phrase_ends: np.ndarray
 
     def __post_init__(self):
@@ -112,7 +108,6 @@ def from_positions(
     rights = np.concatenate([natural_lefts + 1, rights[keep]])
     weights = np.concatenate([np.zeros(len(natural_lefts)), weights[keep]])
     order = np.lexsort((rights, lefts))
-    near_nodes, near_distances = neighbours.nearest(poses, speeds, settings, **options)
     return MotionGraph(
         positions=positions,
         segment_starts=segment_starts,
@@ -121,8 +116,6 @@ def from_positions(
         weights=weights[order].astype(np.float32),
         natural=(order < len(natural_lefts)),
         thresholds=limits,
-        near_nodes=near_nodes,
-        near_distances=near_distances,
         phrase_ends=np.zeros(0, dtype=np.int64) if phrase_ends is None else phrase_ends,
         **described,
     )

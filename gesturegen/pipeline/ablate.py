@@ -36,7 +36,7 @@ from gesturegen.pipeline.evaluate import locate_file, read_heard, reference_skat
 from gesturegen.pipeline.memory import require_memory_for
 from gesturegen.pipeline.showing import show
 from gesturegen.randomness import generator
-from gesturegen.search import objective
+from gesturegen.search import global_search, objective
 from gesturegen.search.path import Path as SearchPath
 
 # The reference clips of each test clip, by setup and seed.
@@ -204,9 +204,8 @@ def _run_clip(
         measured["objective"] = evaluation.NAN
         if isinstance(made.graph, MotionGraph):
             # By the base's prices and pauses whatever the setup searches by: one ruler.
-            prices = objective.PriceList(made.graph, base.global_search, base.continuity)
-            speaking = keynodes.speaking(made.speech, base.pauses)
-            measured["objective"] = objective.total(made.path.tracks[0].pieces, prices, speaking)["total"]
+            prices = global_search.price_list(made.graph, made.speech, base)
+            measured["objective"] = objective.total(submission.shown_nodes(made.trace), prices)["total"]
         measured["search_seconds"] = round(made.seconds, 4)
     about = {"setup": setup, "seed": config.seed, "clip": test}
     return about | summary.clip_row(made.trace, made.graph, measured)
