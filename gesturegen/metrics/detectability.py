@@ -17,12 +17,14 @@ Conventions
 - AUC is the chance that a frame at a seam gets a higher score than one elsewhere. It is formed of the frames left out,
   each ranked within its fold, since scores of two forests do not compare, and averaged over folds by their pairs.
 - The control is the same with the shown frames' features in the untouched recording: where joins are made is no
-  accident, and what it gives over 0.5 is no fault of the joins.
+  accident, and what it gives over 0.5 is no fault of the joins. It has to leave out stretches of the recording in
+  place of clips: clips show the same joins of the same frames again, and a forest knows these by heart.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
@@ -31,12 +33,21 @@ from scipy.stats import rankdata
 from gesturegen.metrics.smoothness import difference_norms
 
 NEAR_FRAMES, FAR_FRAMES, AROUND_FRAMES = 2, 11, 4
-N_TREES, MAX_FOLDS, MAX_FRAMES_OF_A_KIND = 60, 5, 1500
+N_TREES, MAX_FOLDS, MAX_FRAMES_OF_A_KIND = 40, 5, 1500
 # What the logarithm of a joint that stands still is taken of, cm per frame ** order.
 _FLOOR = 1e-4
 # Frames of the difference of each order that come after the frame it is given to.
 _AHEAD = {1: 0, 2: 1, 3: 1}
 _STATISTICS = 3
+
+
+class HeldOut(NamedTuple):
+    """Frames that were asked about: their scores, what is true of them, their folds, and their rows in the input."""
+
+    scores: np.ndarray
+    is_seam: np.ndarray
+    folds: np.ndarray
+    rows: np.ndarray
 
 
 def kinematic_features(positions: np.ndarray, *, around: int = AROUND_FRAMES) -> np.ndarray:
@@ -82,23 +93,19 @@ def seam_auc(features: np.ndarray, is_seam: Sequence[bool], clip_of_frame: Seque
     Returns the AUC; NaN where no fold has frames of both kinds to learn from and to be asked about.
     """
     is_seam, clip_of_frame = np.asarray(is_seam, dtype=bool), np.asarray(clip_of_frame)
-    return auc_over_folds(*held_out_scores(features, is_seam, clip_of_frame, seed=seed))
+    found = held_out_scores(features, is_seam, clip_of_frame, seed=seed)
+    return auc_over_folds(found.scores, found.is_seam, found.folds)
 
 
-def held_out_scores(
-    features: np.ndarray, is_seam: np.ndarray, clip_of_frame: np.ndarray, *, seed: int = 0
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Score each frame by a forest that has not seen its clip: scores, what is true, and the fold, of those asked.
-
-    Arguments as of `seam_auc`.
-    """
+def held_out_scores(features: np.ndarray, is_seam: np.ndarray, clip_of_frame: np.ndarray, *, seed: int = 0) -> HeldOut:
+    """Score each frame by a forest that has not seen its clip; arguments as of `seam_auc`."""
     from sklearn.ensemble import RandomForestClassifier
 
-    rows = np.asarray(features, dtype=np.float32).reshape(len(is_seam), -1)
-    usable = np.isfinite(rows).all(axis=1)
-    rows, is_seam, clip_of_frame = rows[usable], is_seam[usable], clip_of_frame[usable]
-    kept = np.sort(np.concatenate([_thinned(np.flatnonzero(is_seam == kind)) for kind in (False, True)]))
-    rows, is_seam, folds = rows[kept], is_seam[kept], _folds(clip_of_frame[kept])
+    values = np.asarray(features, dtype=np.float32).reshape(len(is_seam), -1)
+    usable = np.isfinite(values).all(axis=1)
+    kept = [thinned(np.flatnonzero(usable & (is_seam == kind)), MAX_FRAMES_OF_A_KIND) for kind in (False, True)]
+    rows = np.sort(np.concatenate(kept))
+    values, is_seam, folds = values[rows], is_seam[rows], _folds(clip_of_frame[rows])
     scores = np.full(len(rows), np.nan)
     for fold in np.unique(folds):
         asked, taught = folds == fold, folds != fold
@@ -107,9 +114,9 @@ def held_out_scores(
         forest = RandomForestClassifier(
             N_TREES, min_samples_leaf=3, class_weight="balanced", n_jobs=1, random_state=seed
         )
-        scores[asked] = forest.fit(rows[taught], is_seam[taught]).predict_proba(rows[asked])[:, 1]
+        scores[asked] = forest.fit(values[taught], is_seam[taught]).predict_proba(values[asked])[:, 1]
     found = np.isfinite(scores)
-    return scores[found], is_seam[found], folds[found]
+    return HeldOut(scores[found], is_seam[found], folds[found], rows[found])
 
 
 def auc_over_folds(scores: np.ndarray, is_seam: np.ndarray, folds: np.ndarray) -> float:
@@ -165,11 +172,9 @@ def joint_groups(names: Sequence[str]) -> dict[str, list[int]]:
     return {"all": list(range(len(names))), **groups}
 
 
-def _thinned(frames: np.ndarray) -> np.ndarray:
-    """At most `MAX_FRAMES_OF_A_KIND` of them, evenly spaced."""
-    if len(frames) <= MAX_FRAMES_OF_A_KIND:
-        return frames
-    return frames[np.linspace(0, len(frames) - 1, MAX_FRAMES_OF_A_KIND).astype(int)]
+def thinned(frames: np.ndarray, limit: int) -> np.ndarray:
+    """At most `limit` of them, evenly spaced."""
+    return frames if len(frames) <= limit else frames[np.linspace(0, len(frames) - 1, limit).astype(int)]
 
 
 def _folds(clips: np.ndarray) -> np.ndarray:
