@@ -53,6 +53,7 @@ class Measure:
 VIEWER_BLOCK, DETECTION_BLOCK = "what a viewer complains of", "joins found by a classifier"
 ALIGNMENT_BLOCK = "alignment with onsets, nearer to recorded motion is better"
 FRECHET_BLOCK = "Fréchet distance over that of random stretches, 1 is as good"
+VIEWER_BLOCKS = (VIEWER_BLOCK, DETECTION_BLOCK, ALIGNMENT_BLOCK, FRECHET_BLOCK)
 MEASURES = (
     Measure("syn", "Syn cm/f ↓", "paper"),
     Measure("bc_distance", "BC dist s ↓", "paper"),
@@ -83,11 +84,11 @@ MEASURES = (
     Measure("seam_auc_upper", "by the upper body ↓", DETECTION_BLOCK),
     Measure("seam_auc_control", "control", DETECTION_BLOCK),
     Measure("a2m", "a2m - chance", ALIGNMENT_BLOCK),
-    Measure("a2m_z", "z", ALIGNMENT_BLOCK),
+    Measure("a2m_z", "a2m z", ALIGNMENT_BLOCK),
     Measure("hands_beat", "hands' minima - chance", ALIGNMENT_BLOCK),
-    Measure("hands_beat_z", "z", ALIGNMENT_BLOCK),
+    Measure("hands_beat_z", "hands z", ALIGNMENT_BLOCK),
     Measure("angle_beat", "angle change - chance", ALIGNMENT_BLOCK),
-    Measure("angle_beat_z", "z", ALIGNMENT_BLOCK),
+    Measure("angle_beat_z", "angle z", ALIGNMENT_BLOCK),
     Measure("foot_skate", "foot skate cm/s", "feet and pauses"),
     Measure("foot_skate_ratio", "/ reference's", "feet and pauses"),
     Measure("foot_contact_share", "contact", "feet and pauses"),
@@ -245,32 +246,8 @@ def measure_clip(
         row |= _frechet([generated], [truth], config)
     if trace is not None and graph is not None:
         row |= _measure_trace(generated, trace, graph, config)
-        row |= _measure_ratios(generated, truth, trace, graph, recorded, config)
-    return row
-
-
-def _measure_ratios(
-    generated: Joints, truth: Joints | None, trace: Mapping, graph: ReferenceFrames,
-    recorded: Sequence[viewer.Recorded], config: Config,
-) -> dict[str, float]:  # fmt: skip
-    """Fréchet distances over those of random stretches of the references."""
-    name, curves, row = trace["clip"], generated.curves, {}
-    if truth is not None:
-        shown = {one.name for one in recorded}
-        ends = [*graph.clip_starts[1:], graph.n_nodes]
-        sources = [
-            graph.positions[start:end]
-            for (clip, mirrored), start, end in zip(graph.clips, graph.clip_starts, ends, strict=True)
-            if clip in shown and not mirrored
-        ]
-        ratios = viewer.window_ratios(
-            generated.relative, truth.relative, sources, config.evaluation.frechet_windows, config, name
-        )
-        row |= {f"frechet_{window}_ratio": ratio for window, ratio in ratios.items()}
-        if curves is not None and truth.curves is not None:
-            row["frechet_velocity_ratio"] = viewer.velocity_ratio(curves, truth.curves, recorded, config, name)
-    if curves is not None:
-        row["frechet_velocity_recording_ratio"] = viewer.velocity_ratio(curves, None, recorded, config, name)
+        sides = [joints and (joints.relative, joints.curves) for joints in (generated, truth)]
+        row |= viewer.frechet_ratios(*sides, graph, recorded, config, trace["clip"])
     return row
 
 

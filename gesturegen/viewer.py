@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from gesturegen.config import Config
+from gesturegen.graph.reference_frames import ReferenceFrames
 from gesturegen.metrics import alignment, beats, detectability, frechet, knees, stillness
 from gesturegen.motion import kinematics, mirror
 from gesturegen.motion.feet import leg_of
@@ -287,6 +288,29 @@ def velocity_ratio(
         for values, distances in ((curves.velocities, ours), (source, floor)):
             distances.append(frechet.frechet_distance(_stretch(values, length, rng), aim))
     return _ratio(float(np.mean(ours)), float(np.mean(floor)))
+
+
+def frechet_ratios(
+    generated: tuple[np.ndarray, Curves], truth: tuple[np.ndarray, Curves | None] | None, graph: ReferenceFrames,
+    recorded: Sequence[Recorded], config: Config, name: str,
+) -> dict[str, float]:  # fmt: skip
+    """All Fréchet distances of a clip over those of random stretches of its references.
+
+    generated, truth : positions as distances are measured on, and curves; recorded : of the references that are shown
+    """
+    row = {"frechet_velocity_recording_ratio": velocity_ratio(generated[1], None, recorded, config, name)}
+    if truth is None:
+        return row
+    if truth[1] is not None:
+        row["frechet_velocity_ratio"] = velocity_ratio(generated[1], truth[1], recorded, config, name)
+    shown, ends = {one.name for one in recorded}, [*graph.clip_starts[1:], graph.n_nodes]
+    sources = [
+        graph.positions[start:end]
+        for (clip, mirrored), start, end in zip(graph.clips, graph.clip_starts, ends, strict=True)
+        if clip in shown and not mirrored
+    ]
+    ratios = window_ratios(generated[0], truth[0], sources, config.evaluation.frechet_windows, config, name)
+    return row | {f"frechet_{window}_ratio": ratio for window, ratio in ratios.items()}
 
 
 def window_ratios(

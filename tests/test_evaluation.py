@@ -32,7 +32,7 @@ def test_every_measure_has_its_own_evidence(moved):
     joints = evaluation.locate(moved, CONFIG)
     bare = evaluation.measure_clip(joints, CONFIG)
     known = {key for key, value in bare.items() if np.isfinite(value)}
-    assert known == {"failure", "div", "jerk", "acceleration"}
+    assert known == {"failure", "div", "jerk", "acceleration", "still_share", "still_longest"}
     onsets = np.array([0.5, 1.0, 2.5])
     heard = evaluation.measure_clip(joints, CONFIG, evaluation.Heard(onsets))
     assert {key for key, value in heard.items() if np.isfinite(value)} == known | {"bc_distance", "bc_kernel"}

@@ -90,7 +90,9 @@ def evaluate(
         total = evaluation.totals(
             list(rows.values()), [generated[name] for name in truths], list(truths.values()), config
         )
-        add_detectability(rows, total, {name: done["seams"] for name, done in sorted(measured.items())}, config)
+        for name in rows:
+            rows[name]["seams"] = measured[name]["seams"] if name in measured else None
+        add_detectability(rows, total, config)
     if index is not None:
         _add_utilisation(rows, total, {name: done["references"] for name, done in measured.items()}, index)
     columns = evaluation.measures(config)
@@ -255,8 +257,9 @@ def measure_beside(
     return viewer.beside(n_frames, recorded, true_curves, config, name, onset_frames, paused)
 
 
-def add_detectability(rows: dict, total: dict, seams: Mapping[str, viewer.SeamEvidence | None], config: Config) -> None:
-    """How well a classifier finds the joins, in the rows of a run and in its total."""
+def add_detectability(rows: Mapping[str, dict], total: dict, config: Config) -> None:
+    """Replace the `seams` of the clips of a run by how well a classifier finds them; also in its total."""
+    seams = {name: row.pop("seams") for name, row in rows.items()}
     found, by_clip = viewer.detect_seams({name: one for name, one in seams.items() if one is not None}, config)
     total.update(found)
     for name, figures in by_clip.items():
