@@ -118,9 +118,12 @@ def frechet_measures(config: Config) -> list[Measure]:
 
 def _frechet_ratios(config: Config) -> list[Measure]:
     return [
-        *(Measure(f"frechet_{n}_ratio", f"{n} frames ↓", FRECHET_BLOCK) for n in config.evaluation.frechet_windows),
-        Measure("frechet_velocity_ratio", "wrists' and head's velocity ↓", FRECHET_BLOCK),
-        Measure("frechet_velocity_recording_ratio", "to the recording ↓", FRECHET_BLOCK),
+        *(
+            Measure(f"frechet_{n}_ratio", f"Fréchet {n} / stretch's ↓", FRECHET_BLOCK)
+            for n in config.evaluation.frechet_windows
+        ),
+        Measure("frechet_velocity_ratio", "velocity / stretch's ↓", FRECHET_BLOCK),
+        Measure("frechet_velocity_recording_ratio", "velocity, to the recording / stretch's ↓", FRECHET_BLOCK),
     ]
 
 

@@ -186,22 +186,23 @@ def _reading(reading: str, found: alignment.Surplus) -> dict[str, float]:
 
 
 def pooled_alignment(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """Surplus and z of several clips together, each reading by `alignment.together`."""
+    """Surplus and z of several clips together, each reading by `alignment.together`; rows as of `measure`."""
     found: dict[str, float] = {}
     for reading in READINGS:
         clips = [alignment.Surplus(row[reading], row[f"{reading}_deviation"], row[f"{reading}_z"]) for row in rows]
-        found |= _reading(reading, alignment.together(clips))
+        pooled = alignment.together(clips)
+        found |= {reading: pooled.surplus, f"{reading}_z": pooled.z}
     return found
 
 
 def total(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """The figures of `KEYS` of several clips together."""
+    """The figures of several clips together, of `KEYS` all but the deviations."""
     return _means(rows) | pooled_alignment(rows)
 
 
 def _means(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
     found = {}
-    for key in KEYS:
+    for key in (key for key in KEYS if not key.endswith("_deviation")):
         values = [row[key] for row in rows if np.isfinite(row[key])]
         found[key] = float((np.max if key in MAXIMA else np.mean)(values)) if values else NAN
     return found

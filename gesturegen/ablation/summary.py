@@ -160,7 +160,7 @@ def run_figures(rows: Sequence[Mapping], seconds: Mapping[str, float], training_
         values = values[np.isfinite(values)]
         how = np.sum if figure.key in _SUMS else np.max if figure.key in _MAXIMA else np.mean
         figures[figure.key] = float(how(values)) if len(values) else NAN
-    figures |= viewer.pooled_alignment([row for row in rows if not row["failure"]])
+    figures |= viewer.pooled_alignment([row for row in rows if "a2m_deviation" in row])
     figures["unnatural_edges"] = float(sum({row["graph"]: row["unnatural_edges"] for row in rows}.values()))
     rest = max(training_seconds - sum(seconds.values()), 0.0)
     references = [row["references"] for row in rows]

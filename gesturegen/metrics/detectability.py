@@ -33,7 +33,7 @@ from scipy.stats import rankdata
 from gesturegen.metrics.smoothness import difference_norms
 
 NEAR_FRAMES, FAR_FRAMES, AROUND_FRAMES = 2, 11, 4
-N_TREES, MAX_FOLDS, MAX_FRAMES_OF_A_KIND = 40, 5, 1500
+N_TREES, MAX_FOLDS, MAX_FRAMES_OF_A_KIND = 40, 5, 1000
 # What the logarithm of a joint that stands still is taken of, cm per frame ** order.
 _FLOOR = 1e-4
 # Frames of the difference of each order that come after the frame it is given to.
