@@ -71,6 +71,12 @@ class Curves:
         return replace(statue, **{name: np.zeros_like(getattr(statue, name)) for name in moving})
 
 
+def joined(parts: Sequence[Curves]) -> Curves:
+    """Curves one after the other; no speed is measured from one to the next."""
+    arrays = [field.name for field in fields(Curves) if field.type == "np.ndarray"]
+    return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in arrays})
+
+
 _BEATS = ("joint_beats", "hand_beats", "angle_beats")
 
 

@@ -71,3 +71,10 @@ def test_seams_need_joins_and_the_control_sees_the_recording(curves):
     assert evidence.features[evidence.is_seam, :, 2, 1].max() > evidence.control[evidence.is_seam, :, 2, 1].max()
     total, by_clip = viewer.detect_seams({"a": evidence}, CONFIG)
     assert np.isnan(list(total.values())).all() and np.isnan(list(by_clip["a"].values())).all()
+
+
+def test_no_speed_is_measured_from_one_segment_to_the_next(curves):
+    halves = [curves.take(np.arange(150)), curves.take(np.arange(150, 300))]
+    both = viewer.joined(halves)
+    for name in ("velocities", "hand_speeds", "joint_beats", "seam_positions"):
+        assert np.array_equal(getattr(both, name), getattr(curves, name))

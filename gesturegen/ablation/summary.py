@@ -174,5 +174,7 @@ def over_seeds(by_seed: Mapping[int, Mapping[str, float]]) -> Setup:
     for figure in FIGURES:
         values = [run[figure.key] for run in by_seed.values() if not math.isnan(run[figure.key])]
         mean[figure.key] = float(np.mean(values)) if values else NAN
-        spread[figure.key] = float(np.std(values, ddof=1)) if len(values) > 1 else NAN
+        spread[figure.key] = NAN
+        if len(values) > 1:  # equal figures differ from their mean by its rounding
+            spread[figure.key] = float(np.std(values, ddof=1)) if np.ptp(values) > 0 else 0.0
     return Setup({seed: dict(run) for seed, run in by_seed.items()}, mean, spread)

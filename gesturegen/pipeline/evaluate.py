@@ -319,11 +319,16 @@ def _recording(path: str, _digest: str, settings: str) -> tuple[viewer.Recorded,
     config = Config.model_validate_json(settings)
     reference = clips.load(path, config).reference(config)
     joints = evaluation.locate(reference.motion, config)
+    segments = np.split(np.arange(reference.motion.n_frames), reference.segment_starts[1:])
+    parts = [joints] if len(segments) == 1 else [
+        evaluation.locate(reference.motion.take(frames), config) for frames in segments
+    ]  # fmt: skip
+    curves = viewer.joined([part.curves for part in parts])
     onsets = reference.speech.onset_frames
     onset_frames = np.searchsorted(reference.source_frames, onsets[np.isin(onsets, reference.source_frames)])
     paused = ~keynodes.reference_speaking(reference, config.pauses)
-    row = viewer.measure(joints.curves, config, onset_frames, paused)
-    return viewer.Recorded(reference.name, joints.curves, row), evaluation.foot_skate(joints)
+    row = viewer.measure(curves, config, onset_frames, paused)
+    return viewer.Recorded(reference.name, curves, row), evaluation.foot_skate(joints)
 
 
 def read_heard(path: Path | None, config: Config) -> evaluation.Heard | None:
