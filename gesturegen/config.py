@@ -573,6 +573,23 @@ class Evaluation(_Section):
     hellinger_bin_width: Positive = 1.0
     frechet_windows: tuple[Count, ...] = (30, 60, 90)
     seam_radius: Count = 4
+    stutter_frames: Count = 15
+    same_frames: Annotated[int, Field(ge=0)] = 3
+    again_seconds: Positive = 10.0
+    still_speed: Positive = 10.0
+    still_seconds: Positive = 0.33
+    knee_straight_degrees: Annotated[float, Field(gt=0, lt=180)] = 177.0
+    knee_snap_acceleration: Positive = 6000.0
+    seam_joints: tuple[str, ...] = (
+        "b_root", "b_spine3", "b_head", "b_l_arm", "b_r_arm", "b_l_forearm", "b_r_forearm", "b_l_wrist", "b_r_wrist",
+        "b_l_foot", "b_r_foot",
+    )  # fmt: skip
+    seam_min_joins: Count = 5
+    alignment_joints: tuple[str, ...] = (
+        "b_spine1", "b_spine2", "b_spine3", "b_neck0", "b_head", "b_l_shoulder", "b_l_arm", "b_l_forearm", "b_l_wrist",
+        "b_r_shoulder", "b_r_arm", "b_r_forearm", "b_r_wrist",
+    )  # fmt: skip
+    stretches: Count = 5
 
 
 _NO_CONTROL = (

@@ -25,6 +25,7 @@ ROOMS = [
     {"refine"},
     {"metrics"},
     {"submission"},
+    {"viewer"},
     {"evaluation"},
     {"tables"},
     {"ablation"},
