@@ -531,7 +531,7 @@ class GestureMaster(_Section):
 
 
 class Blend(_Section):
-    method: Literal["crossfade", "inertialize", "least_jerk", "overlap"] = "crossfade"
+    method: Literal["crossfade", "inertialize", "least_change", "least_jerk", "overlap"] = "crossfade"
     l_blend: Annotated[int, Field(ge=0)] = 8
     curve: Literal["linear", "sigmoid", "smoothstep"] = "linear"
     rotations: Literal["slerp", "expmap"] = "slerp"
