@@ -357,6 +357,7 @@ class Objective:
         self.ends = {end for _, end in bounds}
         self.shortest = max(1, round(self.settings.min_stay_seconds * graph.fps))
         self.stutter = round(self.settings.stutter_seconds * graph.fps)
+        self.gates = set(range(graph.n_nodes))  # in large graphs, the nodes that joins lead from and to
         poses, velocities = poses_and_velocities(graph.positions, graph.segment_starts)
         self.distances = np.array(
             [distances_from(node, poses, velocities, prices.config.continuity) for node in range(graph.n_nodes)]
@@ -372,7 +373,7 @@ class Objective:
 
     def may_join(self, node: int, other: int) -> bool:
         stutters = self.segment[node] == self.segment[other] and abs(other - node - 1) <= self.stutter
-        return self.is_join(node, other) and not stutters
+        return self.is_join(node, other) and not stutters and {node, other} <= self.gates
 
     def next_nodes(self, node: int, age: int) -> list[int]:
         """What may follow a node whose stay has lasted for `age` frames."""
