@@ -344,9 +344,12 @@ class Objective:
     control : the price of a frame that shows a node, and that of one that holds it, as functions of (frame, node)
     marks : rows (frame, first node, node after the last) that cost `lambda_repeat` each
     before, after : of the frames [first, last) only, the nodes that are shown before and after them; -1 for none
+    gates : the nodes that joins lead from and to; None for all
     """
 
-    def __init__(self, prices, control=None, marks=(), first: int = 0, last=None, before: int = -1, after: int = -1):
+    def __init__(
+        self, prices, control=None, marks=(), first: int = 0, last=None, before: int = -1, after: int = -1, gates=None
+    ):
         graph, self.rewards, self.marks, self.control = prices.graph, prices.rewards, marks, control
         self.settings, self.fps, self.used = prices.config.global_search, graph.fps, prices.used
         self.speaking, self.resting = list(prices.speaking), [not spoken for spoken in graph.speaking]
@@ -355,6 +358,7 @@ class Objective:
         bounds = segments(graph.segment_starts, graph.n_nodes)
         self.segment = [start for start, _ in bounds]
         self.ends = {end for _, end in bounds}
+        self.gates = set(range(graph.n_nodes)) if gates is None else set(gates) | self.ends
         self.shortest = max(1, round(self.settings.min_stay_seconds * graph.fps))
         self.stutter = round(self.settings.stutter_seconds * graph.fps)
         poses, velocities = poses_and_velocities(graph.positions, graph.segment_starts)
@@ -372,7 +376,7 @@ class Objective:
 
     def may_join(self, node: int, other: int) -> bool:
         stutters = self.segment[node] == self.segment[other] and abs(other - node - 1) <= self.stutter
-        return self.is_join(node, other) and not stutters
+        return self.is_join(node, other) and not stutters and {node, other} <= self.gates
 
     def next_nodes(self, node: int, age: int) -> list[int]:
         """What may follow a node whose stay has lasted for `age` frames."""
