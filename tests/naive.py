@@ -344,9 +344,12 @@ class Objective:
     control : the price of a frame that shows a node, and that of one that holds it, as functions of (frame, node)
     marks : rows (frame, first node, node after the last) that cost `lambda_repeat` each
     before, after : of the frames [first, last) only, the nodes that are shown before and after them; -1 for none
+    gates : the nodes that joins lead from and to; None for all
     """
 
-    def __init__(self, prices, control=None, marks=(), first: int = 0, last=None, before: int = -1, after: int = -1):
+    def __init__(
+        self, prices, control=None, marks=(), first: int = 0, last=None, before: int = -1, after: int = -1, gates=None
+    ):
         graph, self.rewards, self.marks, self.control = prices.graph, prices.rewards, marks, control
         self.settings, self.fps, self.used = prices.config.global_search, graph.fps, prices.used
         self.speaking, self.resting = list(prices.speaking), [not spoken for spoken in graph.speaking]
@@ -355,6 +358,7 @@ class Objective:
         bounds = segments(graph.segment_starts, graph.n_nodes)
         self.segment = [start for start, _ in bounds]
         self.ends = {end for _, end in bounds}
+        self.gates = set(range(graph.n_nodes)) if gates is None else set(gates) | self.ends
         self.shortest = max(1, round(self.settings.min_stay_seconds * graph.fps))
         self.stutter = round(self.settings.stutter_seconds * graph.fps)
         self.gates = set(range(graph.n_nodes))  # in large graphs, the nodes that joins lead from and to

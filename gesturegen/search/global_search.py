@@ -34,7 +34,7 @@ MOST_GATES = 8192
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """The stays of the path, and the objective by term: of the exact path without repetition, and after the sweeps."""
+    """The stays of the path, and the objective by term: of the exact path without repetition, and of this one."""
 
     pieces: tuple[Piece, ...]
     first: dict[str, float]
@@ -58,10 +58,9 @@ def search(
     if config.global_search.lambda_repeat > 0:
         for stays in range(1, config.global_search.sweeps + 1):
             nodes = problem.sweep(nodes, stays)
-    final = objective.total(nodes, prices)
     if control is None:  # frames of a rest are as good as one another, unless somebody says otherwise
         nodes = spread_rests(nodes, prices)
-    return Result(_stays(nodes, prices), first, final)
+    return Result(_stays(nodes, prices), first, objective.total(nodes, prices))
 
 
 def price_list(
