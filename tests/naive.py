@@ -361,7 +361,6 @@ class Objective:
         self.gates = set(range(graph.n_nodes)) if gates is None else set(gates) | self.ends
         self.shortest = max(1, round(self.settings.min_stay_seconds * graph.fps))
         self.stutter = round(self.settings.stutter_seconds * graph.fps)
-        self.gates = set(range(graph.n_nodes))  # in large graphs, the nodes that joins lead from and to
         poses, velocities = poses_and_velocities(graph.positions, graph.segment_starts)
         self.distances = np.array(
             [distances_from(node, poses, velocities, prices.config.continuity) for node in range(graph.n_nodes)]
