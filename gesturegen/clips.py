@@ -112,6 +112,7 @@ class Speech:
     onset_times : float [shape=(K,)], seconds, at the configured strength
     words : in order of time; n_frames : round(duration * fps) for a test speech, the motion's for a reference
     prosody, acoustics : None where they are not measured (`prosody.enabled`, `acoustics.enabled`)
+    onset_strengths : float [shape=(K,)], of the onsets; None where they are unknown
     """
 
     name: str
@@ -121,6 +122,7 @@ class Speech:
     fps: float
     prosody: Contour | None = None
     acoustics: Acoustics | None = None
+    onset_strengths: np.ndarray | None = None
 
     def __post_init__(self):
         object.__setattr__(self, "onset_times", read_only(self.onset_times))
@@ -192,8 +194,11 @@ class Clip:
         )
 
     def _speech(self, config: Config, n_frames: int) -> Speech:
-        onsets = self.onset_peaks.select(config.onsets.min_strength, config.onsets.muted_max_share)
-        return Speech(self.name, onsets, self.words, n_frames, float(config.fps), self.prosody, self.acoustics)
+        onsets = self.onset_peaks.are_onsets(config.onsets.min_strength, config.onsets.muted_max_share)
+        return Speech(
+            self.name, self.onset_peaks.times[onsets], self.words, n_frames, float(config.fps), self.prosody,
+            self.acoustics, self.onset_peaks.strengths[onsets],
+        )  # fmt: skip
 
 
 # --- from recording to clip ---------------------------------------------------------------------------------

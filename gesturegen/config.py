@@ -355,23 +355,27 @@ class Pauses(_Section):
     min_seconds: NotNegative = 0.5
 
 
+class Phrases(_Section):
+    min_gap_seconds: NotNegative = 0.2
+
+
 class GlobalSearch(_Section):
-    lambda_w: NotNegative = 1.0
-    lambda_len: NotNegative = 20.0
-    lambda_pass: NotNegative = 10.0
+    join_price: NotNegative = 60.0
+    lambda_join: NotNegative = 1.0
+    min_stay_seconds: NotNegative = 0.67
+    stutter_seconds: NotNegative = 0.5
     lambda_state: NotNegative = 3.0
     lambda_hold: NotNegative = 20.0
     lambda_rest: NotNegative = 1.0
-    lambda_end: NotNegative = 150.0
-    lambda_keyword: NotNegative = 60.0
-    lambda_join: NotNegative = 1.0
+    lambda_beat: NotNegative = 15.0
+    beat_lag_seconds: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
+    lambda_onset: NotNegative = 3.0
+    lambda_phrase: NotNegative = 5.0
+    lambda_keyword: NotNegative = 20.0
     lambda_repeat: NotNegative = 1.0
+    repeat_seconds: NotNegative = 10.0
     sweeps: Annotated[int, Field(ge=0)] = 2
     lambda_variant: NotNegative = 1.0
-    min_ratio: Annotated[float, Field(gt=0, le=1)] = 0.9
-    max_ratio: Annotated[float, Field(ge=1)] = 1.1
-    slack_frames: Annotated[int, Field(ge=0)] = 2
-    max_piece_seconds: Positive = 3.0
 
 
 class Features(_Section):
@@ -534,7 +538,7 @@ class GestureMaster(_Section):
 
 
 class Blend(_Section):
-    method: Literal["crossfade", "inertialize", "least_jerk", "overlap"] = "crossfade"
+    method: Literal["crossfade", "inertialize", "least_change", "least_jerk", "overlap"] = "crossfade"
     l_blend: Annotated[int, Field(ge=0)] = 8
     curve: Literal["linear", "sigmoid", "smoothstep"] = "linear"
     rotations: Literal["slerp", "expmap"] = "slerp"
@@ -576,6 +580,23 @@ class Evaluation(_Section):
     hellinger_bin_width: Positive = 1.0
     frechet_windows: tuple[Count, ...] = (30, 60, 90)
     seam_radius: Count = 4
+    stutter_frames: Count = 15
+    same_frames: Annotated[int, Field(ge=0)] = 3
+    again_seconds: Positive = 10.0
+    still_speed: Positive = 10.0
+    still_seconds: Positive = 0.33
+    knee_straight_degrees: Annotated[float, Field(gt=0, lt=180)] = 177.0
+    knee_snap_acceleration: Positive = 6000.0
+    seam_joints: tuple[str, ...] = (
+        "b_root", "b_spine3", "b_head", "b_l_arm", "b_r_arm", "b_l_forearm", "b_r_forearm", "b_l_wrist", "b_r_wrist",
+        "b_l_foot", "b_r_foot",
+    )  # fmt: skip
+    seam_min_joins: Count = 5
+    alignment_joints: tuple[str, ...] = (
+        "b_spine1", "b_spine2", "b_spine3", "b_neck0", "b_head", "b_l_shoulder", "b_l_arm", "b_l_forearm", "b_l_wrist",
+        "b_r_shoulder", "b_r_arm", "b_r_forearm", "b_r_wrist",
+    )  # fmt: skip
+    stretches: Count = 5
 
 
 _NO_CONTROL = (
@@ -605,6 +626,7 @@ class Config(_Section):
     keywords: Keywords = Keywords()
     breaks: Breaks = Breaks()
     pauses: Pauses = Pauses()
+    phrases: Phrases = Phrases()
     prosody: Prosody = Prosody()
     acoustics: Acoustics = Acoustics()
     positions: Positions = Positions()

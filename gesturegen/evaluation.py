@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gesturegen import viewer
 from gesturegen.clips import select_joints
 from gesturegen.config import Config
 from gesturegen.control import hands
@@ -20,7 +21,19 @@ from gesturegen.control.measures import UNITS
 from gesturegen.control.schedule import Demand, Measures, achieved
 from gesturegen.gestures import cutting, rhythm
 from gesturegen.graph.reference_frames import ReferenceFrames
-from gesturegen.metrics import beats, diversity, feet, frechet, genea, pauses, seams, smoothness, synchrony, usage
+from gesturegen.metrics import (
+    beats,
+    diversity,
+    feet,
+    frechet,
+    genea,
+    pauses,
+    seams,
+    smoothness,
+    stays,
+    synchrony,
+    usage,
+)
 from gesturegen.motion import kinematics
 from gesturegen.motion.skeleton import Motion
 from gesturegen.submission import shown_nodes
@@ -37,6 +50,10 @@ class Measure:
     block: str
 
 
+VIEWER_BLOCK, DETECTION_BLOCK = "what a viewer complains of", "joins found by a classifier"
+ALIGNMENT_BLOCK = "alignment with onsets, nearer to recorded motion is better"
+FRECHET_BLOCK = "Fréchet distance over that of random stretches, 1 is as good"
+VIEWER_BLOCKS = (VIEWER_BLOCK, DETECTION_BLOCK, ALIGNMENT_BLOCK, FRECHET_BLOCK)
 MEASURES = (
     Measure("syn", "Syn cm/f ↓", "paper"),
     Measure("bc_distance", "BC dist s ↓", "paper"),
@@ -56,6 +73,22 @@ MEASURES = (
     Measure("seam_jerk", "seam jerk ↓", "seams"),
     Measure("seam_jerk_wrists", "on wrists ↓", "seams"),
     Measure("wrist_speed_ratio", "wrist speed / source", "seams"),
+    Measure("stay_seconds", "mean stay s", VIEWER_BLOCK),
+    Measure("stutters_per_minute", "stutters/min ↓", VIEWER_BLOCK),
+    Measure("again_share", "shown again ↓", VIEWER_BLOCK),
+    Measure("still_share", "hands still", VIEWER_BLOCK),
+    Measure("still_longest", "longest s", VIEWER_BLOCK),
+    Measure("knees_straight", "knees straight", VIEWER_BLOCK),
+    Measure("knee_snaps", "knee snaps/min ↓", VIEWER_BLOCK),
+    Measure("seam_auc", "joins found, AUC ↓", DETECTION_BLOCK),
+    Measure("seam_auc_upper", "by the upper body ↓", DETECTION_BLOCK),
+    Measure("seam_auc_control", "control", DETECTION_BLOCK),
+    Measure("a2m", "a2m - chance", ALIGNMENT_BLOCK),
+    Measure("a2m_z", "a2m z", ALIGNMENT_BLOCK),
+    Measure("hands_beat", "hands' minima - chance", ALIGNMENT_BLOCK),
+    Measure("hands_beat_z", "hands z", ALIGNMENT_BLOCK),
+    Measure("angle_beat", "angle change - chance", ALIGNMENT_BLOCK),
+    Measure("angle_beat_z", "angle z", ALIGNMENT_BLOCK),
     Measure("foot_skate", "foot skate cm/s", "feet and pauses"),
     Measure("foot_skate_ratio", "/ reference's", "feet and pauses"),
     Measure("foot_contact_share", "contact", "feet and pauses"),
@@ -76,16 +109,27 @@ COMPAT_MEASURES = (
     Measure("hellinger_0.05", "Hellinger, width 0.05", "genea-compat"),
 )
 # Keys whose total is not the mean over clips.
-_SUMS, _MAXIMA = {"failure"}, {"max_uses", "join_distance_max"}
+_SUMS, _MAXIMA = {"failure"}, {"max_uses", "join_distance_max", *viewer.MAXIMA}
 
 
 def frechet_measures(config: Config) -> list[Measure]:
     return [Measure(f"frechet_{n}", f"Fréchet {n} cm² ↓", "genea") for n in config.evaluation.frechet_windows]
 
 
+def _frechet_ratios(config: Config) -> list[Measure]:
+    return [
+        *(
+            Measure(f"frechet_{n}_ratio", f"Fréchet {n} / stretch's ↓", FRECHET_BLOCK)
+            for n in config.evaluation.frechet_windows
+        ),
+        Measure("frechet_velocity_ratio", "velocity / stretch's ↓", FRECHET_BLOCK),
+        Measure("frechet_velocity_recording_ratio", "velocity, to the recording / stretch's ↓", FRECHET_BLOCK),
+    ]
+
+
 def measures(config: Config) -> list[Measure]:
     """All columns, in order of printing."""
-    listed = list(MEASURES)
+    listed = [*MEASURES, *_frechet_ratios(config)]
     after = next(place for place, measure in enumerate(listed) if measure.key == "cca")
     return [*listed[:after], *frechet_measures(config), *listed[after:]]
 
@@ -97,6 +141,7 @@ class Joints:
     world : [shape=(T, K, 3)], selected joints, cm; relative : the same seen from the pelvis, as distances are
     feet : [shape=(T, F, 3)], world; parents : [shape=(K,)], among the selected joints, None where unknown
     wrists : places of the wrist joints among the selected ones; names : of the selected joints, where they are known
+    curves : what a viewer's measures look at, None where only positions are known
     """
 
     world: np.ndarray
@@ -106,6 +151,7 @@ class Joints:
     wrists: list[int]
     fps: float
     names: tuple[str, ...] = ()
+    curves: viewer.Curves | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,11 +159,15 @@ class Heard:
     """What is known of a speech.
 
     onset_times : [shape=(K,)], seconds; words : starts and ends in seconds (onsets where a speech has none), None
-    where only the sound is known
+    where only the sound is known; paused : bool [shape=(T,)], frames in its pauses, None likewise
     """
 
     onset_times: np.ndarray
     words: Sequence[tuple[float, float]] | None = None
+    paused: np.ndarray | None = None
+
+    def onset_frames(self, fps: float) -> np.ndarray:
+        return np.unique(np.round(self.onset_times * fps).astype(int))
 
 
 def locate(motion: Motion, config: Config) -> Joints:
@@ -127,15 +177,17 @@ def locate(motion: Motion, config: Config) -> Joints:
     pelvis = skeleton.pelvis(config.positions.root_joint)
     names = [skeleton.names[j] for j in joints]
     foot_joints = [skeleton.names.index(name) for name in config.feet.joints if name in skeleton.names]
+    parents = beats.selected_parents(skeleton.parents, joints)
     return Joints(
         world=kinematics.joint_positions(motion, joints),
         relative=config.positions.scale
         * kinematics.relative_positions(motion, joints, pelvis, config.positions.relative_to),
         feet=kinematics.joint_positions(motion, foot_joints) if foot_joints else np.empty((motion.n_frames, 0, 3)),
-        parents=beats.selected_parents(skeleton.parents, joints),
+        parents=parents,
         wrists=[names.index(name) for name in config.wrists.joints if name in names],
         fps=motion.fps,
         names=tuple(names),
+        curves=viewer.curves_of(motion, names, joints, parents, config),
     )
 
 
@@ -154,11 +206,12 @@ def measure_clip(
     trace: Mapping | None = None,
     graph: ReferenceFrames | None = None,
     reference_skate: float = NAN,
+    recorded: Sequence[viewer.Recorded] = (),
 ) -> dict[str, float]:
-    """All measures of one clip; NaN for those that lack their evidence.
+    """All measures of one clip; NaN for those that lack their evidence, or the other clips of the run.
 
-    trace and graph : of a clip that gesturegen made; reference_skate : foot skate of
-    its references, cm/s
+    trace and graph : of a clip that gesturegen made; reference_skate : foot skate of its references, cm/s
+    recorded : the references of which anything is shown
     """
     settings, fps = config.evaluation, generated.fps
     row = {measure.key: NAN for measure in measures(config)}
@@ -177,12 +230,17 @@ def measure_clip(
             "foot_skate_ratio": _ratio(skate.speed, reference_skate),
             "foot_contact_share": skate.contact_share,
         }
-    if heard is not None and generated.parents is not None:
+    onset_frames, paused = (heard.onset_frames(fps), heard.paused) if heard is not None else (None, None)
+    statue = False
+    if generated.curves is not None:
+        row |= viewer.measure(generated.curves, config, onset_frames, paused)
+        statue = viewer.stands_still(generated.curves, config)
+    if heard is not None and generated.parents is not None and not statue:
         rates = beats.angle_change_rate(generated.world, generated.parents, fps=fps)
         times = beats.motion_beats(rates, fps=fps)
         row["bc_distance"] = beats.beat_distance(heard.onset_times, times)
         row["bc_kernel"] = beats.beat_kernel(heard.onset_times, times, sigma_seconds=settings.bc_sigma)
-    if heard is not None and heard.words is not None and generated.wrists:
+    if heard is not None and heard.words is not None and generated.wrists and not statue:
         row |= _measure_rhythm(generated, heard.words, config)
     if truth is not None:
         row["syn"] = synchrony.synchrony(generated.world, truth.world)
@@ -191,7 +249,20 @@ def measure_clip(
         row |= _frechet([generated], [truth], config)
     if trace is not None and graph is not None:
         row |= _measure_trace(generated, trace, graph, config)
+        sides = [joints and (joints.relative, joints.curves) for joints in (generated, truth)]
+        row |= viewer.frechet_ratios(*sides, graph, recorded, config, trace["clip"])
     return row
+
+
+def seam_evidence(
+    generated: Joints, trace: Mapping, graph: ReferenceFrames, recorded: Sequence[viewer.Recorded], n_clips: int
+) -> viewer.SeamEvidence:
+    """Frames of a clip near its joins and far from them, as `viewer.detect_seams` takes them of all clips of a run."""
+    by_name = {one.name: one for one in recorded}
+    shown = [(by_name[name], mirrored) if name in by_name else None for name, mirrored in graph.clips]
+    return viewer.seam_evidence(
+        generated.curves, seam_frames(trace, graph), shown_nodes(trace), graph.clip_starts, shown, n_clips
+    )
 
 
 def _measure_rhythm(generated: Joints, words: Sequence[tuple[float, float]], config: Config) -> dict[str, float]:
@@ -232,6 +303,7 @@ def totals(
         values = values[np.isfinite(values)]
         how = np.sum if measure.key in _SUMS else np.max if measure.key in _MAXIMA else np.mean
         total[measure.key] = float(how(values)) if len(values) else NAN
+    total |= viewer.pooled_alignment([row for row in rows if "a2m_deviation" in row])
     if truths:
         pairs = list(zip(generated, truths, strict=True))
         total["hellinger"] = genea.hellinger_distance(
@@ -267,17 +339,25 @@ def _measure_trace(generated: Joints, trace: Mapping, graph: ReferenceFrames, co
         fps=trace["fps"],
     )
     use = usage.reference_use(shown, graph.n_nodes)
+    settings, seam_places = config.evaluation, seam_frames(trace, graph)
+    stay = stays.stays(
+        shown, seam_places, graph.clip_starts, fps=trace["fps"], stutter_frames=settings.stutter_frames,
+        same_frames=settings.same_frames, again_seconds=settings.again_seconds,
+    )  # fmt: skip
     frames = np.array([node["frame"] for node in trace["key_nodes"]], dtype=int)
 
     def jerk(joints: list[int] | None) -> float:
         if joints == []:
             return NAN
         return seams.seam_jerk(
-            generated.relative, seam_frames(trace, graph), shown, graph.positions, graph.segment_starts,
-            fps=generated.fps, radius=config.evaluation.seam_radius, joints=joints,
+            generated.relative, seam_places, shown, graph.positions, graph.segment_starts,
+            fps=generated.fps, radius=settings.seam_radius, joints=joints,
         ).ratio  # fmt: skip
 
     return {
+        "stay_seconds": stay.mean_seconds,
+        "stutters_per_minute": stay.stutters_per_minute,
+        "again_share": stay.again_share,
         "hard_joins_per_minute": joins.hard_per_minute,
         "join_distance_mean": joins.mean_distance,
         "join_distance_max": joins.max_distance,

@@ -17,7 +17,7 @@ import numpy as np
 from gesturegen.clips import Reference, select_joints
 from gesturegen.config import Config
 from gesturegen.graph.reference_frames import ReferenceFrames
-from gesturegen.motion import blend, body, cleanup, feet, kinematics, rotation, smoothing
+from gesturegen.motion import blend, body, cleanup, feet, kinematics, rotation, smoothing, splice
 from gesturegen.motion.skeleton import Motion
 from gesturegen.search.path import Path, Piece, Track, resampled_indices
 
@@ -106,6 +106,10 @@ def _render_track(track: Track, recorded: _Recorded, graph: ReferenceFrames, pel
             _overlap_join(rotations, positions, pieces[k - 1 : k + 1], seam, sides, recorded, graph, config)
     elif config.blend.method == "least_jerk":
         rotations, positions = blend.least_jerk(rotations, positions, jumps, config.blend.reach_seconds * motion.fps)
+    elif config.blend.method == "least_change":
+        runs = _Runs(nodes[kept], times, steps.jump[kept], offsets[kept], recorded, graph, pelvis, config)
+        shown = runs.play(runs.numbers, np.arange(len(times)))
+        rotations, positions = splice.least_change(*shown, runs.numbers, runs.play)
     return _Rendered(
         replace(motion, rotations=rotation.normalize(rotations), positions=positions),
         as_recorded=cleanup.interpolate(recorded.take(nodes[kept]), times) if config.feet.lock else None,
@@ -130,6 +134,12 @@ def _needed_nodes(path: Path, graph: ReferenceFrames, config: Config) -> np.ndar
     for track in path.tracks:
         nodes = track.nodes
         needed += [nodes, graph.successors[nodes]]
+        if config.blend.method == "least_change":
+            reach = np.arange(-_BEYOND, _BEYOND + 1)
+            ends = np.flatnonzero(nodes[1:] != graph.successors[nodes[:-1]])
+            edges = np.concatenate([nodes[[0, -1]], nodes[ends], nodes[ends + 1]])[:, None]
+            segments = np.searchsorted(graph.segment_starts, edges, side="right") - 1
+            needed.append(np.clip(edges + reach, graph.segment_starts[segments], graph.segment_ends[segments]).ravel())
         if config.blend.method == "overlap":
             for k, _ in _hard_joins(track.pieces, graph):
                 for piece, side in ((track.pieces[k - 1], 1), (track.pieces[k], -1)):
@@ -305,6 +315,115 @@ def _timeline(
     keeps = ~slowed | (copy == 0)
     places = np.cumsum(keeps) - 1.0 + np.where(slowed, copy / copies, 0.0)
     return np.flatnonzero(keeps), np.interp(evenly, everything, places)
+
+
+# Nodes that a run is played on by: what three output frames take at up to 1.6 nodes a frame.
+_BEYOND = 6
+
+
+class _Runs:
+    """The uninterrupted stretches of a track, each played on beyond its ends.
+
+    numbers : int `[shape=(n_frames,)]`, the run that each output frame shows; one between two runs shows the first
+    """
+
+    def __init__(
+        self, nodes: np.ndarray, times: np.ndarray, jump: np.ndarray, offsets: np.ndarray, recorded: _Recorded,
+        graph: ReferenceFrames, pelvis: int, config: Config,
+    ):  # fmt: skip
+        self.numbers = np.cumsum(jump)[np.floor(times + _ROUNDING).astype(int)]
+        self._times, self._starts = times, np.append(np.flatnonzero(np.append(True, jump[1:])), len(nodes))
+        decay = 0.5 ** (1.0 / (config.root.return_half_life * recorded.first.fps))
+        zero_heading = kinematics.world_transforms(recorded.first, [pelvis])[0][0, 0]
+        parts = []
+        for start, end in pairwise(self._starts.tolist()):
+            motion = _played_on(nodes[start:end], recorded, graph)
+            if config.root.mode == "return":
+                poses = _ground_poses(motion, recorded.travelling, pelvis, zero_heading)
+                moves = _continued_offsets(poses, offsets[start:end, :3], decay)
+                motion = _move_ground(motion, recorded.travelling, moves[:, 0], moves[:, 1:])
+            parts.append(motion)
+        self._motion = replace(
+            recorded.first,
+            rotations=np.concatenate([part.rotations for part in parts]),
+            positions=np.concatenate([part.positions for part in parts]),
+        )
+
+    def play(self, runs: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rotations and positions of runs at output frames, also some beyond their ends, at the pace they have there."""
+        first = np.searchsorted(self.numbers, runs)
+        last = np.searchsorted(self.numbers, runs, side="right") - 1
+        inside = np.clip(frames, first, last)
+        alone = last == first
+        pace_before = np.where(alone, 1.0, self._times[np.minimum(first + 1, last)] - self._times[first])
+        pace_after = np.where(alone, 1.0, self._times[last] - self._times[np.maximum(last - 1, first)])
+        beyond = frames - inside
+        places = self._times[inside] + beyond * np.where(beyond < 0, pace_before, pace_after)
+        places = np.clip(places, self._starts[runs] - _BEYOND, self._starts[runs + 1] + _BEYOND - 1.0)
+        places += _BEYOND * (2 * runs + 1)
+        low, high = np.floor(places + _ROUNDING).astype(int), np.ceil(places - _ROUNDING).astype(int)
+        shown = cleanup.mix(self._motion.take(low), self._motion.take(high), np.clip(places - low, 0.0, 1.0))
+        return shown.rotations, shown.positions
+
+
+def _played_on(nodes: np.ndarray, recorded: _Recorded, graph: ReferenceFrames) -> Motion:
+    """The recorded frames of a run, with `_BEYOND` before and after it.
+
+    A run that ends in a pose that is held holds it on. Where a segment ends, its frames are mirrored at that pose.
+    """
+    before, after = (
+        _beyond(int(nodes[edge]), side * (len(nodes) == 1 or nodes[edge] != nodes[neighbour]), recorded, graph)
+        for edge, neighbour, side in ((0, min(1, len(nodes) - 1), -1), (-1, max(-2, -len(nodes)), 1))
+    )
+    middle = recorded.take(nodes)
+    return replace(
+        middle,
+        rotations=np.concatenate([before.rotations[::-1], middle.rotations, after.rotations]),
+        positions=np.concatenate([before.positions[::-1], middle.positions, after.positions]),
+    )
+
+
+def _beyond(edge: int, step: int, recorded: _Recorded, graph: ReferenceFrames) -> Motion:
+    """The `_BEYOND` frames from a node on, by steps of -1, 0 or 1."""
+    segment = np.searchsorted(graph.segment_starts, edge, side="right") - 1
+    bounds = int(graph.segment_starts[segment]), int(graph.segment_ends[segment])
+    nodes = edge + step * np.arange(1, _BEYOND + 1)
+    inside = np.clip(nodes, *bounds)
+    border, mirrored = recorded.take(inside), recorded.take(np.clip(2 * inside - nodes, *bounds))
+    outside = nodes != inside
+    turned = rotation.multiply(
+        rotation.multiply(border.rotations, rotation.inverse(mirrored.rotations)), border.rotations
+    )
+    return replace(
+        border,
+        rotations=np.where(outside[:, None, None], turned, border.rotations),
+        positions=np.where(outside[:, None, None], 2.0 * border.positions - mirrored.positions, border.positions),
+    )
+
+
+def _continued_offsets(poses: np.ndarray, offsets: np.ndarray, decay: float) -> np.ndarray:
+    """Ground offsets (turn, x, z) of a run that is played on, given those of its nodes; see `_ground_offsets`.
+
+    poses : on the ground, of all `[shape=(n + 2 * _BEYOND, 3)]`; offsets : `[shape=(n, 3)]`
+    """
+    found = np.pad(offsets, [(_BEYOND, _BEYOND), (0, 0)])
+    steps = np.diff(poses[:, 1:], axis=0)
+    for k in range(len(poses) - _BEYOND, len(poses)):
+        turn, x, z = found[k - 1]
+        more_x, more_z = _turned_step(turn, steps[k - 1])
+        found[k] = decay * turn, decay * x + more_x, decay * z + more_z
+    for k in range(_BEYOND - 1, -1, -1):
+        turn, x, z = found[k + 1]
+        turn /= decay
+        more_x, more_z = _turned_step(turn, steps[k])
+        found[k] = turn, (x - more_x) / decay, (z - more_z) / decay
+    return found
+
+
+def _turned_step(turn: float, step: np.ndarray) -> tuple[float, float]:
+    """By how much a step over the ground changes when it is turned."""
+    cosine, sine = np.cos(turn) - 1.0, np.sin(turn)
+    return cosine * step[0] + sine * step[1], cosine * step[1] - sine * step[0]
 
 
 def _jumps(times: np.ndarray, jump: np.ndarray) -> np.ndarray:

@@ -19,19 +19,32 @@ def format_figure(value: float | int | None) -> str:
     return f"{value:.5g}"
 
 
-def format_blocks(rows: Mapping[str, Mapping], total: Mapping, columns: Sequence[Measure]) -> str:
-    """One aligned table per block of measures: a line per clip, then the total."""
+def format_blocks(
+    rows: Mapping[str, Mapping], total: Mapping, columns: Sequence[Measure], beside: Mapping[str, Mapping]
+) -> str:
+    """One aligned table per block of measures: a line per clip, the total, and what stands beside it, where it does."""
     blocks = list(dict.fromkeys(measure.block for measure in columns))
     return "\n\n".join(
-        f"[{block}]\n" + _align(rows, total, [measure for measure in columns if measure.block == block])
+        f"[{block}]\n" + _align(rows, total, [measure for measure in columns if measure.block == block], beside)
         for block in blocks
     )
 
 
-def _align(rows: Mapping[str, Mapping], total: Mapping, columns: Sequence[Measure]) -> str:
+def beside_of(beside: Mapping[str, Mapping], columns: Sequence[Measure]) -> dict[str, Mapping]:
+    """Those rows beside a total that have a figure in any of the columns."""
+    return {
+        name: row
+        for name, row in beside.items()
+        if any(format_figure(row.get(measure.key)) != "-" for measure in columns)
+    }
+
+
+def _align(
+    rows: Mapping[str, Mapping], total: Mapping, columns: Sequence[Measure], beside: Mapping[str, Mapping]
+) -> str:
     lines = [["clip", *(measure.heading for measure in columns)]]
-    for name, row in [*rows.items(), (f"all {len(rows)}", total)]:
-        lines.append([name, *(format_figure(row[measure.key]) for measure in columns)])
+    for name, row in [*rows.items(), (f"all {len(rows)}", total), *beside_of(beside, columns).items()]:
+        lines.append([name, *(format_figure(row.get(measure.key)) for measure in columns)])
     widths = [max(len(line[k]) for line in lines) for k in range(len(columns) + 1)]
     return "\n".join(
         "  ".join(
@@ -41,13 +54,17 @@ def _align(rows: Mapping[str, Mapping], total: Mapping, columns: Sequence[Measur
     )
 
 
-def format_csv(rows: Mapping[str, Mapping], total: Mapping, columns: Sequence[Measure], signature: Mapping) -> str:
-    """A row per clip and one named `all`, each ending in what produced it."""
+def format_csv(
+    rows: Mapping[str, Mapping], total: Mapping, columns: Sequence[Measure], signature: Mapping,
+    beside: Mapping[str, Mapping],
+) -> str:  # fmt: skip
+    """A row per clip, one named `all`, and what stands beside it, each ending in what produced it."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["clip", *(measure.key for measure in columns), *signature])
-    for name, row in [*rows.items(), ("all", total)]:
-        figures = ["-" if format_figure(row[measure.key]) == "-" else repr(row[measure.key]) for measure in columns]
+    for name, row in [*rows.items(), ("all", total), *beside.items()]:
+        found = [row.get(measure.key) for measure in columns]
+        figures = ["-" if format_figure(value) == "-" else repr(value) for value in found]
         writer.writerow([name, *figures, *signature.values()])
     return text.getvalue()
 

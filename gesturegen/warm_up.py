@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gesturegen.clips import Speech
 from gesturegen.compiled import hook, is_switched_on, store
 from gesturegen.config import Continuity, MotionMatching, load_config
 from gesturegen.gestures import transitions
@@ -23,7 +24,6 @@ from gesturegen.keynodes import KeyNodes
 from gesturegen.motion import rotation
 from gesturegen.motion.skeleton import read_only
 from gesturegen.search import beam, global_search, nearest, viterbi
-from gesturegen.search.path import Target
 from gesturegen.speech import acoustics, audio, prosody
 from gesturegen.video import _kernels as video_kernels
 
@@ -99,8 +99,7 @@ def _compile_beam() -> None:
 
 
 def _compile_global() -> None:
-    targets = [Target(0, 20, "onset"), Target(20, 40, "break")]
-    global_search.search(_small_graph(), targets, np.arange(40) < 30, load_config())
+    global_search.search(_small_graph(), Speech("noise", np.array([0.5]), (), 40, 30.0), load_config())
 
 
 def _compile_gestures() -> None:

@@ -32,13 +32,13 @@ from gesturegen import clips, demo, keynodes, recordings, render
 from gesturegen.config import Config, configs_folder, load_config
 from gesturegen.gestures import database
 from gesturegen.gestures.extraction import BODIES, extract
-from gesturegen.graph import motion_graph, neighbours
+from gesturegen.graph import motion_graph
 from gesturegen.methods import METHODS, gesture_master
 from gesturegen.motion import bvh
 from gesturegen.parallel import default_jobs
 from gesturegen.pipeline import Summary, build_graphs, common, preprocess, reenact
 from gesturegen.randomness import generator
-from gesturegen.search import termination, viterbi
+from gesturegen.search import global_search, viterbi
 from gesturegen.speech import audio, prosody
 from tests import naive
 
@@ -46,12 +46,13 @@ FOLDER = Path("bench")
 ONE_CORE = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")}
 BUILD, BUILD_CLIPS = "build graph", "build clips"
 STAGES = {
-    BUILD: "continuity analysis with both prunings, and the index",
-    "index": "of it, the nearest frames of every frame",
+    BUILD: "continuity analysis with both prunings",
     "beam search": "for the whole speech",
     "global tables": "what the first global search of a graph prepares, with 2 s of speech",
-    "global search": "the best path for the whole speech, repetition aside",
+    "global search": "the best path for the whole speech by configs/best.yaml, repetition aside",
     "global + sweeps": "the same and the sweeps against repetition",
+    "global, joins/10": "the same with joins ten times cheaper",
+    "global, joins*10": "the same with joins ten times dearer",
     "global, small": "3 s of the reference, 4 s of the speech, repetition aside",
     "read reference": "BVH, WAV and TSV to a clip",
     "read test": "WAV and TSV to a speech",
@@ -70,8 +71,11 @@ CLIP_STAGES = {
     "clips to path": "the same from the stored database, mapped into memory, and the speech",
     "clips to BVH": "the same by `reenact`, from hashes of all files to BVH and trace",
 }
-NAIVE = (BUILD, "index", "beam search", "global, small", "clip edges", "clip search")
-LONG = (BUILD, "index", "beam search", "global tables", "global search", "global + sweeps")
+NAIVE = (BUILD, "beam search", "global, small", "clip edges", "clip search")
+LONG = (
+    BUILD, "beam search", "global tables", "global search", "global + sweeps", "global, joins/10", "global, joins*10"
+)  # fmt: skip
+JOIN_FACTORS = {"global, joins/10": 0.1, "global, joins*10": 10.0}
 LONG_CLIPS = (BUILD_CLIPS, "clip search", "clips to path", "clips to BVH")
 SHORT_REFERENCE, SHORT_SPEECH = 90, 120  # frames, which the naive global search can bear
 WARM_UP = 60  # frames
@@ -79,11 +83,14 @@ WARM_UP_CLIPS = 600  # frames, which hold more than one gesture clip
 
 
 def settings(folder: Path, stage: str = "") -> Config:
-    base = configs_folder() / "best.yaml" if stage.startswith("best") else None
-    changes = ["search=global"] if stage.startswith("global") else []
-    if stage in ("global search", "global, small"):
-        changes.append("global_search.sweeps=0")
-    return load_config(base, changes, folders={"paths.data": str(folder)})
+    base = configs_folder() / "best.yaml" if stage.startswith(("best", "global")) else None
+    changes = ["global_search.sweeps=0"] if stage in ("global search", "global, small") else []
+    found = load_config(base, changes, folders={"paths.data": str(folder)})
+    if stage not in JOIN_FACTORS:
+        return found
+    factor, own = JOIN_FACTORS[stage], found.global_search
+    prices = {"join_price": factor * own.join_price, "lambda_join": factor * own.lambda_join}
+    return found.model_copy(update={"global_search": own.model_copy(update=prices)})
 
 
 def clip_settings(folder: Path) -> Config:
@@ -118,22 +125,10 @@ def search(graph: motion_graph.MotionGraph, said: clips.Speech, config: Config):
     return METHODS[config.method].search(graph, said, config, generator(config.seed, said.name))
 
 
-def targets(said: clips.Speech, config: Config):
-    return termination.targets(keynodes.of_speech(said, config.keywords.words), said.n_frames)
-
-
 def naive_beam(graph: motion_graph.MotionGraph, said: clips.Speech, config: Config):
     nodes = keynodes.of_speech(said, config.keywords.words)
     rows = list(zip(nodes.frames.tolist(), nodes.kinds.tolist(), nodes.keywords.tolist(), strict=True))
     return naive.search(graph, rows, said.n_frames, config, generator(config.seed, said.name))
-
-
-def naive_nearest(graph: motion_graph.MotionGraph, config: Config):
-    poses, velocities = naive.poses_and_velocities(graph.positions, graph.segment_starts)
-    for node in range(graph.n_nodes):
-        distances = naive.distances_from(node, poses, velocities, config.continuity)
-        distances[node] = np.inf
-        np.argsort(distances, kind="stable")[: neighbours.COUNT]
 
 
 def prepare(folder: Path, stage: str, slow: bool) -> tuple[Callable, Callable]:
@@ -152,14 +147,6 @@ def prepare(folder: Path, stage: str, slow: bool) -> tuple[Callable, Callable]:
     graph = motion_graph.load(graph_path(folder))
     if stage == BUILD:
         return None, lambda: naive.build(graph.positions, graph.segment_starts, config.continuity)
-    if stage == "index":
-        if slow:
-            return None, lambda: naive_nearest(graph, config)
-        poses, speeds = graph.poses, graph.velocities
-        return (
-            lambda: neighbours.nearest(poses[:WARM_UP], speeds[:WARM_UP], config.continuity),
-            lambda: neighbours.nearest(poses, speeds, config.continuity),
-        )
     said = speech(folder)
     beginning = replace(said, n_frames=WARM_UP)
     if stage == "beam search" and slow:
@@ -170,8 +157,8 @@ def prepare(folder: Path, stage: str, slow: bool) -> tuple[Callable, Callable]:
         said = replace(said, n_frames=SHORT_SPEECH)
         graph = motion_graph.build([short(references(folder)[0], SHORT_REFERENCE)], config)
         if slow:
-            speaking = keynodes.speaking(said, config.pauses)
-            return None, lambda: naive.Objective(graph, targets(said, config), speaking, config).cheapest()
+            prices = global_search.price_list(graph, said, config)
+            return None, lambda: naive.Objective(prices).cheapest()
     if stage in LONG or stage == "global, small":
         return lambda: search(graph, beginning, config), lambda: search(graph, said, config)
     recorded = references(folder)

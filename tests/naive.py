@@ -337,173 +337,179 @@ def pauses(heard, n_frames: int, limit: float) -> str:
 
 
 class Objective:
-    """What the paths of a graph through consecutive targets of a test speech cost (see `search/objective.py`).
+    """What paths of a graph for a speech cost, of `PriceList`s fields (see `search/objective.py`), and the rules they keep.
 
-    A path is a list of nodes for every target. Prices come as (term, cost) rows, nothing is looked up but the
-    graph's positions, segments, edges, key nodes and states.
+    A path is a list of nodes, one for each frame. Nothing is looked up but positions, segments, pauses and rewards.
 
     control : the price of a frame that shows a node, and that of one that holds it, as functions of (frame, node)
+    marks : rows (frame, first node, node after the last) that cost `lambda_repeat` each
+    before, after : of the frames [first, last) only, the nodes that are shown before and after them; -1 for none
+    gates : the nodes that joins lead from and to; None for all
     """
 
-    def __init__(self, graph, targets, speaking, config, control=None):
-        self.control = control
-        self.settings, self.targets, self.speaking = config.global_search, targets, speaking
-        self.n_nodes = graph.n_nodes
-        self.resting = {node for node in range(graph.n_nodes) if not graph.speaking[node]}
-        self.last = [end for _, end in segments(graph.segment_starts, graph.n_nodes)]
-        # Natural edges cost nothing whatever the graph says, and are there in any case.
-        self.edges = {pair: weight for pair, weight in edges_of(graph).items() if pair[1] != self.onwards(pair[0])}
-        self.children = [[] for _ in range(graph.n_nodes)]
-        for left, right in sorted(self.edges):
-            self.children[left].append(right)
-        for node in range(graph.n_nodes):
-            self.children[node] += [node] if self.onwards(node) == node else [node, node + 1]
-        key = graph.key_nodes
-        self.rows = set(zip(key.frames.tolist(), key.kinds.tolist(), key.keywords.tolist(), strict=True))
-        self.key_nodes = set(self.last) | {node for node, _, _ in self.rows}
+    def __init__(
+        self, prices, control=None, marks=(), first: int = 0, last=None, before: int = -1, after: int = -1, gates=None
+    ):
+        graph, self.rewards, self.marks, self.control = prices.graph, prices.rewards, marks, control
+        self.settings, self.fps, self.used = prices.config.global_search, graph.fps, prices.used
+        self.speaking, self.resting = list(prices.speaking), [not spoken for spoken in graph.speaking]
+        self.first, self.last = first, len(self.speaking) if last is None else last
+        self.before, self.after, self.n_nodes = before, after, graph.n_nodes
+        bounds = segments(graph.segment_starts, graph.n_nodes)
+        self.segment = [start for start, _ in bounds]
+        self.ends = {end for _, end in bounds}
+        self.gates = set(range(graph.n_nodes)) if gates is None else set(gates) | self.ends
+        self.shortest = max(1, round(self.settings.min_stay_seconds * graph.fps))
+        self.stutter = round(self.settings.stutter_seconds * graph.fps)
         poses, velocities = poses_and_velocities(graph.positions, graph.segment_starts)
-        self.distances = [
-            distances_from(node, poses, velocities, config.continuity).tolist() for node in range(graph.n_nodes)
-        ]
+        self.distances = np.array(
+            [distances_from(node, poses, velocities, prices.config.continuity) for node in range(graph.n_nodes)]
+        )
+
+    # --- the rules
 
     def onwards(self, node: int) -> int:
-        return node + 1 if node < self.last[node] else node
+        return node if node in self.ends else node + 1
 
-    def counts(self, target) -> range:
-        """How many nodes a piece may have."""
-        ratios = self.settings.min_ratio, self.settings.max_ratio
-        low, high = (Fraction(str(ratio)) * target.length for ratio in ratios)
-        slack = self.settings.slack_frames
-        shortest = max(1, min(math.ceil(low), target.length - slack))
-        return range(shortest, max(math.floor(high), target.length + slack) + 1)
+    def is_join(self, node: int, other: int) -> bool:
+        return other not in (node, self.onwards(node))
 
-    def speaks(self, target, k: int) -> bool:
-        return bool(self.speaking[self.frame(target, k)])
+    def may_join(self, node: int, other: int) -> bool:
+        stutters = self.segment[node] == self.segment[other] and abs(other - node - 1) <= self.stutter
+        return self.is_join(node, other) and not stutters and {node, other} <= self.gates
 
-    def held(self, node: int, frame: int) -> list[tuple[str, float]]:
-        resting = node in self.resting and not self.speaking[frame]
+    def next_nodes(self, node: int, age: int) -> list[int]:
+        """What may follow a node whose stay has lasted for `age` frames."""
+        if age < self.shortest and node not in self.ends:
+            return [node + 1]
+        joins = [other for other in range(self.n_nodes) if self.may_join(node, other)]
+        return sorted({node, self.onwards(node), *joins})
+
+    def all_paths(self):
+        """Every path that keeps the rules; a stay that the window cuts off must go on as it may."""
+
+        def onwards(nodes, age):
+            if len(nodes) == self.last - self.first:
+                if self.after < 0 or not nodes or self.after in self.next_nodes(nodes[-1], age):
+                    yield nodes
+                return
+            last = nodes[-1] if nodes else self.before
+            for node in range(self.n_nodes) if last < 0 else self.next_nodes(last, age):
+                yield from onwards([*nodes, node], 1 if last < 0 or self.is_join(last, node) else age + 1)
+
+        return onwards([], self.shortest)
+
+    def keeps_the_rules(self, nodes) -> bool:
+        age = self.shortest
+        for last, node in itertools.pairwise([self.before, *nodes, self.after]):
+            if last >= 0 and node >= 0:
+                if node not in self.next_nodes(last, age):
+                    return False
+                age = 1 if self.is_join(last, node) else age + 1
+            elif node >= 0:
+                age = 1
+        return True
+
+    # --- the prices
+
+    def earned(self, frame: int, node: int) -> list[tuple[str, float]]:
+        return [(reward.name, -float(reward.gain[frame] * reward.worth[node])) for reward in self.rewards]
+
+    def shown(self, frame: int, node: int) -> list[tuple[str, float]]:
+        """Of a frame that shows a node, earnings aside."""
+        rows = [("used", float(self.used[node]))]
+        if bool(self.speaking[frame]) == self.resting[node]:
+            rows.append(("state", self.settings.lambda_state))
+        if self.control is not None:
+            rows.append(("control", self.control[0](frame, node)))
+        marked = sum(row == frame and low <= node < high for row, low, high in self.marks)
+        return [*rows, ("marks", marked * self.settings.lambda_repeat)]
+
+    def held(self, frame: int, node: int) -> list[tuple[str, float]]:
+        """What a frame costs more that holds the node of the frame before."""
+        resting = self.resting[node] and not self.speaking[frame]
         rows = [("held", self.settings.lambda_rest if resting else self.settings.lambda_hold)]
         if self.control is not None:
             shown, held = (price(frame, node) for price in self.control)
             rows.append(("control", max(held - shown, 0.0)))
         return rows
 
-    def frame(self, target, k: int) -> int:
-        return target.start_frame + min(k, target.length - 1)
+    def join(self, node: int, other: int) -> list[tuple[str, float]]:
+        distance = self.distances[self.onwards(node)][other]
+        return [("price", self.settings.join_price), ("distance", self.settings.lambda_join * distance)]
 
-    def shown(self, target, k: int, node: int):
-        rows = [("state", self.settings.lambda_state)] if self.speaks(target, k) == (node in self.resting) else []
-        return rows if self.control is None else [*rows, ("control", self.control[0](self.frame(target, k), node))]
+    def step(self, frame: int, last: int, node: int) -> list[tuple[str, float]]:
+        """Of coming in a frame from one node to the next; what is held earns nothing."""
+        if node == last:
+            return self.held(frame, node)
+        return self.earned(frame, node) + (self.join(last, node) if self.is_join(last, node) else [])
 
-    def step(self, target, k: int, node: int, other: int):
-        """From the k-th node of a piece to the next."""
-        if other == node:
-            return self.held(node, self.frame(target, k + 1))
-        rows = []
-        if other != self.onwards(node):
-            rows.append(("edges", self.settings.lambda_w * self.edges[node, other]))
-        if node in self.key_nodes and self.speaks(target, k):
-            rows.append(("passed", self.settings.lambda_pass))
-        return rows
+    def cost(self, nodes) -> dict[str, float]:
+        """A path's cost by term, and `total`, their sum; how it goes on to `after` counts."""
+        rows = [] if self.before >= 0 else self.earned(self.first, nodes[0])
+        for frame, (last, node) in enumerate(itertools.pairwise([self.before, *nodes]), self.first):
+            rows += self.shown(frame, node) + (self.step(frame, last, node) if last >= 0 else [])
+        if self.after >= 0:
+            rows += self.step(self.last, nodes[-1], self.after)
+        rows += [("repeats", self.settings.lambda_repeat)] * sum(self.repeated(nodes))
+        terms: dict[str, float] = {}
+        for name, price in rows:
+            terms[name] = terms.get(name, 0.0) + price
+        return {name: price for name, price in terms.items() if price} | {"total": sum(terms.values())}
 
-    def end(self, target, count: int, node: int):
-        """Of a piece of `count` nodes that ends at `node`."""
-        rows = [("length", self.settings.lambda_len * abs(1.0 - count / target.length))]
-        if target.end_kind == "cut":
-            return rows
-        meets = target.keyword != "" and (node, "keyword", target.keyword) in self.rows
-        if not meets and node != self.last[node] and (node, "onset", "") not in self.rows:
-            rows.append(("end", self.settings.lambda_end))
-        if target.keyword and not meets:
-            rows.append(("keyword", self.settings.lambda_keyword))
-        return rows
+    def repeated(self, nodes) -> list[bool]:
+        """Whether another stay showed a node within 3 of a frame's less than `repeat_seconds` before."""
+        joins = [self.is_join(last, node) for last, node in itertools.pairwise(nodes)]
+        stays = list(itertools.accumulate(joins, initial=0))
+        return [
+            any(
+                stays[earlier] != stays[frame] and abs(nodes[earlier] - node) <= 3
+                and frame - earlier < self.settings.repeat_seconds * self.fps - 1e-9
+                for earlier in range(frame)
+            )
+            for frame, node in enumerate(nodes)
+        ]  # fmt: skip
 
-    def join(self, node: int, other: int, frame: int):
-        """From the last node of a piece to the first of the next, which begins at `frame`."""
-        rows = [("joins", self.settings.lambda_join * self.distances[self.onwards(node)][other])]
-        return rows + (self.held(node, frame) if other == node == self.last[node] else [])
+    # --- the cheapest path, repeats aside
 
-    def cost(self, path, used=None, entering=None, before: int = -1, after: int = -1) -> dict[str, float]:
-        """A complete path's cost by term, and `total`, their sum.
+    def cheapest(self) -> float:
+        """Backwards over frames: what remains to be paid by node and age of its stay, from the shortest stay on alike."""
+        nodes, ages = range(self.n_nodes), self.shortest
+        joins = np.full((self.n_nodes, self.n_nodes), np.inf)
+        for node, other in itertools.product(nodes, nodes):
+            if self.may_join(node, other):
+                joins[node, other] = self.total(self.join(node, other))
+        remains = np.zeros((self.n_nodes, ages))
+        if self.after >= 0:
+            for node, age in itertools.product(nodes, range(ages)):
+                may = self.after in self.next_nodes(node, age + 1)
+                remains[node, age] = self.total(self.step(self.last, node, self.after)) if may else np.inf
+        for frame in range(self.last - 1, self.first - (self.before >= 0), -1):
+            remains = self._step_back(frame, remains, joins)
+        if self.before >= 0:
+            return float(remains[self.before, -1])
+        return min(self.total(self.shown(self.first, n) + self.earned(self.first, n)) + remains[n, 0] for n in nodes)
 
-        used : a price of every frame that shows a node; entering : of coming to it, once in a piece that holds it
-        before, after : nodes shown before and after the targets, of which the joins count; -1 for none
-        """
-        rows = []
-        shown = [before]
-        for target, nodes in zip(self.targets, path, strict=True):
-            if shown[-1] >= 0:
-                rows += self.join(shown[-1], nodes[0], target.start_frame)
-            for k, node in enumerate(nodes):
-                rows.append(("used", 0.0 if used is None else used[node]))
-                rows.append(("entering", 0.0 if entering is None or (k and node == shown[-1]) else entering[node]))
-                shown.append(node)
-                rows += self.shown(target, k, node)
-                if k + 1 < len(nodes):
-                    rows += self.step(target, k, node, nodes[k + 1])
-            rows += self.end(target, len(nodes), nodes[-1])
-        if after >= 0:
-            rows += self.join(shown[-1], after, self.targets[-1].end_frame)
-        stays = [node for nodes in path for node, _ in itertools.groupby(nodes)]
-        for one, other in itertools.combinations(stays, 2):
-            rows += [("repeats", self.settings.lambda_repeat)] if one == other else []
-        names = "edges", "length", "passed", "state", "held", "end", "keyword", "joins", "repeats", "used", "entering"
-        names += ("control",) if self.control is not None else ()
-        terms = {name: float(sum(price for term, price in rows if term == name)) for name in names}
-        return terms | {"total": sum(terms.values())}
+    def _step_back(self, frame: int, remains: np.ndarray, joins: np.ndarray) -> np.ndarray:
+        """What remains before the step to a frame, of what remains after it."""
+        nodes = range(self.n_nodes)
+        shown = np.array([self.total(self.shown(frame, node)) for node in nodes])
+        coming = shown + [self.total(self.earned(frame, node)) for node in nodes]
+        held = shown + [self.total(self.held(frame, node)) for node in nodes]
+        older = np.minimum(np.arange(1, self.shortest + 1), self.shortest - 1)  # the age after a step without a join
+        found = np.full(remains.shape, np.inf)
+        for node in nodes:
+            if node not in self.ends:
+                found[node] = coming[node + 1] + remains[node + 1, older]
+            free = slice(None) if node in self.ends else slice(self.shortest - 1, None)
+            by_join = (joins[node] + coming + remains[:, 0]).min()
+            found[node, free] = np.minimum(found[node, free], held[node] + remains[node, older][free])
+            found[node, free] = np.minimum(found[node, free], by_join)
+        return found
 
-    def all_paths(self):
-        """Every path there is."""
-
-        def pieces(target, nodes):
-            if len(nodes) in self.counts(target):
-                yield nodes
-            if len(nodes) < self.counts(target)[-1]:
-                for child in self.children[nodes[-1]]:
-                    yield from pieces(target, [*nodes, child])
-
-        choices = [
-            [nodes for start in range(self.n_nodes) for nodes in pieces(target, [start])] for target in self.targets
-        ]
-        return itertools.product(*choices)
-
-    def cheapest(self, used=None, entering=None, before: int = -1, after: int = -1) -> float:
-        """The least `cost` without repeats, frame by frame from the start: the cheapest way to every node."""
-
-        def price(rows):
-            return sum(cost for _, cost in rows)
-
-        def coming(node, last=None):
-            return 0.0 if entering is None or node == last else float(entering[node])
-
-        def showing(node):
-            return 0.0 if used is None else float(used[node])
-
-        lasts = {before: 0.0}
-        for target in self.targets:
-            ways = {
-                node: min(
-                    cost + coming(node) + (price(self.join(last, node, target.start_frame)) if last >= 0 else 0.0)
-                    for last, cost in lasts.items()
-                )
-                for node in range(self.n_nodes)
-            }
-            lasts = {}
-            for k in range(self.counts(target)[-1]):
-                ways = {node: cost + showing(node) + price(self.shown(target, k, node)) for node, cost in ways.items()}
-                if k + 1 in self.counts(target):
-                    for node, cost in ways.items():
-                        lasts[node] = min(lasts.get(node, math.inf), cost + price(self.end(target, k + 1, node)))
-                further = {}
-                for node, cost in ways.items():
-                    for child in self.children[node]:
-                        way = cost + price(self.step(target, k, node, child)) + coming(child, node)
-                        further[child] = min(further.get(child, math.inf), way)
-                ways = further
-        if after >= 0:
-            frame = self.targets[-1].end_frame
-            lasts = {node: cost + price(self.join(node, after, frame)) for node, cost in lasts.items()}
-        return min(lasts.values())
+    @staticmethod
+    def total(rows) -> float:
+        return sum(price for _, price in rows)
 
 
 # --- gesture clips (GestureMaster §4.1, §4.2) ----------------------------------------------------------------

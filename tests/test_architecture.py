@@ -28,6 +28,7 @@ ROOMS = [
     {"refine"},
     {"metrics"},
     {"submission"},
+    {"viewer"},
     {"evaluation"},
     {"tables"},
     {"ablation"},

@@ -90,7 +90,9 @@ def test_a_row_per_setup_with_every_measure(finished, table, prepared):
         # These bones have no feet and no wrists, and a stretch without a join has no seam.
         lacking = {key for key, value in mean.items() if value is None}
         known = {"foot_skate", "foot_skate_ratio", "foot_contact_share", "rhythm", "rhythm_by_chance", "pause_speed",
-                 "pause_speed_ratio", "seam_jerk_wrists", "wrist_speed_ratio"}  # fmt: skip
+                 "pause_speed_ratio", "seam_jerk_wrists", "wrist_speed_ratio", "still_share", "still_longest",
+                 "knees_straight", "knee_snaps", "hands_beat", "hands_beat_z", "seam_auc", "seam_auc_upper",
+                 "seam_auc_control", "frechet_velocity_ratio", "frechet_velocity_recording_ratio"}  # fmt: skip
         seams = {"join_distance_mean", "join_distance_max", "seam_jerk"}
         assert lacking <= known | (seams if mean["hard_joins_per_minute"] == 0 else set()), (name, lacking - known)
 
@@ -99,8 +101,9 @@ def test_csv_and_json_agree(finished, table):
     rows = list(csv.DictReader((finished[0] / "compare.csv").read_text().splitlines()))
     assert [(row["setup"], row["seed"]) for row in rows] == [
         (name, label) for name in SETUPS for label in ("0", "3", "mean", "spread")
-    ]
-    for row in rows:
+    ] + [(name, "-") for name in table["beside"]]
+    assert {"(recording)", "(random stretch)"} <= set(table["beside"])
+    for row in rows[: -len(table["beside"])]:
         setup = table["setups"][row["setup"]]
         figures = setup["seeds"].get(row["seed"]) or setup[row["seed"]]
         for key, value in figures.items():

@@ -743,6 +743,7 @@ ANOTHER = {
     "control.conditions": [{"measure": "height", "at_least": 5}],
     "control.gestures": [{"at": 1, "gesture": "a"}],
     "refiner.learning_rate": 0.001,
+    "global_search.beat_lag_seconds": 0.1,
 }
 # What a setting needs beside it, before and after its change.
 BESIDE = {

@@ -32,10 +32,13 @@ def test_every_measure_has_its_own_evidence(moved):
     joints = evaluation.locate(moved, CONFIG)
     bare = evaluation.measure_clip(joints, CONFIG)
     known = {key for key, value in bare.items() if np.isfinite(value)}
-    assert known == {"failure", "div", "jerk", "acceleration"}
+    assert known == {"failure", "div", "jerk", "acceleration", "still_share", "still_longest"}
     onsets = np.array([0.5, 1.0, 2.5])
     heard = evaluation.measure_clip(joints, CONFIG, evaluation.Heard(onsets))
-    assert {key for key, value in heard.items() if np.isfinite(value)} == known | {"bc_distance", "bc_kernel"}
+    assert {key for key, value in heard.items() if np.isfinite(value)} == known | {
+        "bc_distance", "bc_kernel", *(f"{reading}{end}" for reading in ("a2m", "hands_beat", "angle_beat")
+                                      for end in ("", "_z", "_deviation")),
+    }  # fmt: skip
     times = beats.motion_beats(beats.angle_change_rate(joints.world, joints.parents, fps=30), fps=30)
     assert heard["bc_kernel"] == beats.beat_kernel(onsets, times, sigma_seconds=0.1)
 

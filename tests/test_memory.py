@@ -11,11 +11,9 @@ import pytest
 from gesturegen.config import load_config
 from gesturegen.errors import DataError
 from gesturegen.graph import motion_graph
-from gesturegen.keynodes import of_speech, speaking
 from gesturegen.pipeline import memory
 from gesturegen.pipeline.memory import estimate, require_memory, require_memory_for, workers
 from gesturegen.search import global_search
-from gesturegen.search.termination import targets
 from gesturegen.stored import documents
 from tests import tiny
 from tests.builders import chain, refused, write_clip
@@ -114,26 +112,23 @@ def test_the_setups_of_an_ablation_are_counted_together():
 
 
 def test_the_estimate_covers_the_tables_of_the_global_search():
-    """What grows with frames times speech, by numpy's own account."""
+    """What a search takes beside its graph, by numpy's own account."""
     rng = np.random.default_rng(0)
-    config = tiny.config(search="global")
-    reference = tiny.random_reference(rng, 3000)
-    speech = tiny.speech(900, onsets=range(10, 900, 11))
-    graph = motion_graph.build([reference], config)
-    key_nodes = of_speech(speech, config.keywords.words)
-    cuts = targets(key_nodes, speech.n_frames)
+    config, beam = tiny.config(search="global"), tiny.config()
+    graph = motion_graph.build([tiny.random_reference(rng, 2000)], config)
 
-    def taken(cuts) -> int:
+    def taken(n_frames: int) -> int:
+        global_search.joins_of.cache_clear()
         tracemalloc.start()
-        global_search.search(graph, cuts, speaking(speech, config.pauses), config)
+        global_search.search(graph, tiny.speech(n_frames, onsets=range(10, n_frames, 11)), config)
         _, peak = tracemalloc.get_traced_memory()
         tracemalloc.stop()
         return peak
 
-    taken(cuts[:2])  # what is compiled or kept at the first call counts for neither
-    grown = taken(cuts) - taken(cuts[:2])
-    foreseen = estimate(3000, 900, config) - estimate(3000, cuts[1].end_frame, config)
-    assert 0.2 * foreseen < grown < foreseen
+    taken(30)  # what is compiled or kept at the first call does not count
+    for n_frames in (300, 3000):
+        foreseen = estimate(2000, n_frames, config) - estimate(2000, n_frames, beam)
+        assert 0.3 * foreseen < taken(n_frames) < foreseen
 
 
 # --- what the machine has -----------------------------------------------------------------------------------

@@ -42,7 +42,7 @@ def random_motions(seed, *frames):
     frames=st.lists(st.integers(1, 20), min_size=1, max_size=3),
     lengths=st.lists(st.tuples(st.integers(1, 12), st.integers(1, 12)), min_size=1, max_size=6),
     blend=st.fixed_dictionaries({
-        "method": st.sampled_from(["crossfade", "inertialize", "least_jerk"]), "l_blend": st.integers(0, 9),
+        "method": st.sampled_from(["crossfade", "inertialize", "least_jerk", "least_change"]), "l_blend": st.integers(0, 9),
         "curve": st.sampled_from(["linear", "sigmoid", "smoothstep"]), "rotations": st.sampled_from(["slerp", "expmap"]),
     }),
     mode=st.sampled_from(["return", "absolute"]),
@@ -67,7 +67,7 @@ def exact_motion(frames):
     return Motion(moved.skeleton, some[np.arange(frames * 5).reshape(frames, 5) * 7 % 4], moved.positions, tiny.FPS)
 
 
-@pytest.mark.parametrize("method", ["crossfade", "inertialize", "least_jerk"])
+@pytest.mark.parametrize("method", ["crossfade", "inertialize", "least_jerk", "least_change"])
 def test_natural_joins_leave_the_recorded_frames_bit_for_bit(method):
     recorded = exact_motion(30)
     moved = show([recorded], range(3, 10), range(10, 22), [22], root={"mode": "absolute"}, blend={"method": method})
@@ -694,7 +694,7 @@ def figure(seed, frames):
 
 @settings(deadline=None, derandomize=True, max_examples=40)
 @given(
-    seed=st.integers(0, 10_000), method=st.sampled_from(["crossfade", "inertialize", "least_jerk"]),
+    seed=st.integers(0, 10_000), method=st.sampled_from(["crossfade", "inertialize", "least_jerk", "least_change"]),
     lengths=st.lists(st.tuples(st.integers(1, 12), st.integers(1, 14)), min_size=1, max_size=5),
     mode=st.sampled_from(["return", "absolute"]), resample=st.sampled_from(["interpolate", "nearest"]),
 )  # fmt: skip

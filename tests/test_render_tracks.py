@@ -79,7 +79,7 @@ def runs(rng, lengths, frames=140):
 @SMALL
 @given(
     seed=st.integers(0, 10_000), lengths=st.lists(st.integers(1, 30), min_size=1, max_size=4),
-    method=st.sampled_from(["overlap", "overlap", "crossfade", "inertialize", "least_jerk"]),
+    method=st.sampled_from(["overlap", "overlap", "crossfade", "inertialize", "least_jerk", "least_change"]),
     mode=st.sampled_from(["return", "absolute"]),
 )  # fmt: skip
 def test_each_track_moves_its_joints_as_if_it_were_alone(seed, lengths, method, mode):
@@ -473,7 +473,10 @@ class Counting(Sequence):
 
 
 @SMALL
-@given(seed=st.integers(0, 10_000), method=st.sampled_from(["overlap", "crossfade", "inertialize", "least_jerk"]))
+@given(
+    seed=st.integers(0, 10_000),
+    method=st.sampled_from(["overlap", "crossfade", "inertialize", "least_jerk", "least_change"]),
+)
 def test_only_the_references_that_are_shown_are_read_and_each_once(seed, method):
     rng, references = np.random.default_rng(seed), bodies(seed, *[40] * 6)
     config = settings(blend={"method": method})

@@ -6,7 +6,6 @@ import numpy as np
 
 from gesturegen.clips import Reference, Speech
 from gesturegen.config import Config, Continuity
-from gesturegen.graph import neighbours
 from gesturegen.graph.motion_graph import MotionGraph, from_positions
 from gesturegen.keynodes import KeyNodes
 from gesturegen.motion import rotation
@@ -108,8 +107,6 @@ def graph_of_edges(n_nodes: int, edges, rows=(), segment_starts=(0,), natural=Tr
     pairs = sorted(edges)
     lefts = np.array([left for left, _ in pairs], dtype=np.int64)
     rights = np.array([right for _, right in pairs], dtype=np.int64)
-    poses = np.zeros((n_nodes, 3))
-    near_nodes, near_distances = neighbours.nearest(poses, poses, Continuity())
     return MotionGraph(
         positions=np.zeros((n_nodes, 1, 3), dtype=np.float32),
         segment_starts=np.array(segment_starts),
@@ -118,8 +115,7 @@ def graph_of_edges(n_nodes: int, edges, rows=(), segment_starts=(0,), natural=Tr
         weights=np.array([edges[pair] for pair in pairs], dtype=np.float32),
         natural=(rights == lefts + 1) & ~np.isin(lefts, list(last)),
         thresholds=np.zeros(n_nodes),
-        near_nodes=near_nodes,
-        near_distances=near_distances,
+        phrase_ends=np.zeros(0, dtype=np.int64),
         **_described(n_nodes, with_breaks(rows, segment_starts, n_nodes)),
     )
 

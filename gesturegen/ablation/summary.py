@@ -8,15 +8,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from gesturegen import evaluation, viewer
 from gesturegen.ablation import causes
-from gesturegen.evaluation import Measure
+from gesturegen.config import Config, Evaluation
+from gesturegen.evaluation import VIEWER_BLOCKS, Measure
 from gesturegen.graph.reference_frames import ReferenceFrames
 from gesturegen.metrics.usage import training_utilisation
 
 NAN = float("nan")
 PAPER_BLOCK, BEHIND_BLOCK, CAUSES_BLOCK = "Table 2", "what stands behind it", "why rows differ"
 SEAMS_BLOCK, TIME_BLOCK = "seams and objective", "search time, of this machine"
-BLOCKS = (PAPER_BLOCK, SEAMS_BLOCK, BEHIND_BLOCK, CAUSES_BLOCK, TIME_BLOCK)
+BLOCKS = (PAPER_BLOCK, SEAMS_BLOCK, *VIEWER_BLOCKS, BEHIND_BLOCK, CAUSES_BLOCK, TIME_BLOCK)
+# Without the Fréchet distances of windows, which take as long as a search.
+RULER = Config(evaluation=Evaluation(frechet_windows=()))
 FIGURES = (
     Measure("syn", "Syn cm/f ↓", PAPER_BLOCK),
     Measure("bc_distance", "BC dist s ↓", PAPER_BLOCK),
@@ -38,13 +42,12 @@ FIGURES = (
     Measure("pause_share", "pauses from pauses ↑", SEAMS_BLOCK),
     Measure("pause_speed_ratio", "wrists in pauses / reference's", SEAMS_BLOCK),
     Measure("objective", "objective ↓", SEAMS_BLOCK),
+    *(measure for measure in evaluation.measures(RULER) if measure.block in VIEWER_BLOCKS),
     Measure("held_share", "held frames", BEHIND_BLOCK),
     Measure("repeated_share", "re-used frames", BEHIND_BLOCK),
     Measure("fallback_keyword", "keyword fallback", BEHIND_BLOCK),
     Measure("fallback_discard", "discard", BEHIND_BLOCK),
     Measure("fallback_repeat", "repeat", BEHIND_BLOCK),
-    Measure("fallback_hold", "hold", BEHIND_BLOCK),
-    Measure("fallback_end", "end", BEHIND_BLOCK),
     Measure("fallback_kind", "rest for gesture", BEHIND_BLOCK),
     Measure("fallback_edge", "no edge", BEHIND_BLOCK),
     Measure("fallback_scale", "out of time scale", BEHIND_BLOCK),
@@ -64,10 +67,10 @@ FIGURES = (
 )
 # The one figure that no second run repeats.
 MEASURED_TIME = "search_seconds"
-FALLBACKS = ("keyword", "discard", "repeat", "hold", "end", "kind", "edge", "scale")
+FALLBACKS = ("keyword", "discard", "repeat", "kind", "edge", "scale")
 # Sums and maxima over the clips of a run; the others are means over its clips that have an output.
 _SUMS = {"failure", *(f"fallback_{kind}" for kind in FALLBACKS), "retries", "pieces", "natural_joins"}
-_MAXIMA = {"max_uses"}
+_MAXIMA = {"max_uses", *viewer.MAXIMA}
 
 # Table 2 as printed, on 70 clips. Its one BC fits neither of our two measures (README).
 PAPER_CLIPS = 70
@@ -95,12 +98,14 @@ class Result:
 
     setups : by name, in order; n_clips : test clips of each run
     signature : what produced it; clips : one row per setup, seed and clip
+    beside : rows of what the setups are to be compared with (`viewer.beside_totals`)
     """
 
     setups: dict[str, Setup]
     n_clips: int
     signature: dict
     clips: list[dict] = field(default_factory=list)
+    beside: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 def clip_row(trace: Mapping, graph: ReferenceFrames, measured: Mapping[str, float] | None) -> dict:
@@ -131,7 +136,7 @@ def clip_row(trace: Mapping, graph: ReferenceFrames, measured: Mapping[str, floa
         return row | {figure.key: NAN for figure in FIGURES if figure.key not in (*row, "utilisation")}
     shown = [
         "syn", "bc_distance", "bc_kernel", "div", "held_share", "repeated_share", *causes.KEYS, MEASURED_TIME,
-        *(figure.key for figure in FIGURES if figure.block == SEAMS_BLOCK),
+        *(figure.key for figure in FIGURES if figure.block in (SEAMS_BLOCK, *VIEWER_BLOCKS)), *viewer.KEYS,
     ]  # fmt: skip
     return row | {
         **{key: measured[key] for key in shown},
@@ -153,6 +158,7 @@ def run_figures(rows: Sequence[Mapping], seconds: Mapping[str, float], training_
         values = values[np.isfinite(values)]
         how = np.sum if figure.key in _SUMS else np.max if figure.key in _MAXIMA else np.mean
         figures[figure.key] = float(how(values)) if len(values) else NAN
+    figures |= viewer.pooled_alignment([row for row in rows if "a2m_deviation" in row])
     figures["unnatural_edges"] = float(sum({row["graph"]: row["unnatural_edges"] for row in rows}.values()))
     rest = max(training_seconds - sum(seconds.values()), 0.0)
     references = [row["references"] for row in rows]
@@ -166,5 +172,7 @@ def over_seeds(by_seed: Mapping[int, Mapping[str, float]]) -> Setup:
     for figure in FIGURES:
         values = [run[figure.key] for run in by_seed.values() if not math.isnan(run[figure.key])]
         mean[figure.key] = float(np.mean(values)) if values else NAN
-        spread[figure.key] = float(np.std(values, ddof=1)) if len(values) > 1 else NAN
+        spread[figure.key] = NAN
+        if len(values) > 1:  # equal figures differ from their mean by its rounding
+            spread[figure.key] = float(np.std(values, ddof=1)) if np.ptp(values) > 0 else 0.0
     return Setup({seed: dict(run) for seed, run in by_seed.items()}, mean, spread)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from gesturegen.ablation.summary import BLOCKS, FIGURES, PAPER, PAPER_CLIPS, Result, Setup
-from gesturegen.tables import format_figure, json_figures
+from gesturegen.evaluation import VIEWER_BLOCKS, Measure
+from gesturegen.tables import beside_of, format_figure, json_figures
 
 NOTE = (
     "mean ± standard deviation over seeds; counts are per seed, over all clips; a setup with failures is measured on "
@@ -69,6 +70,9 @@ def format_csv(result: Result) -> str:
             printed = PAPER[name]
             cells = [_exact(printed.get(key, math.nan)) for key in keys]
             writer.writerow([name, "paper", *cells, _exact(printed["bc"]), PAPER_CLIPS, "-", "-", "-"])
+    for name, row in result.beside.items():
+        cells = [_exact(row.get(key, math.nan)) for key in keys]
+        writer.writerow([name, "-", *cells, "-", result.n_clips, "-", seeds.split()[0], result.signature["version"]])
     return text.getvalue()
 
 
@@ -78,6 +82,7 @@ def json_table(result: Result) -> dict:
         "signature": result.signature,
         "n_clips": result.n_clips,
         "setups": {name: _json_setup(name, setup) for name, setup in result.setups.items()},
+        "beside": {name: json_figures(row) for name, row in result.beside.items()},
         "clips": [_json_row(row) for row in result.clips],
     }
 
@@ -114,7 +119,17 @@ def _cells(result: Result, block: str) -> list[list[str]]:
             if figure.key in _BESIDE:
                 row.append(_printed(name, _BESIDE[figure.key][0]))
         rows.append(row)
-    return rows
+    return rows + beside_cells(result.beside, figures)
+
+
+def beside_cells(beside: Mapping[str, Mapping], columns: Sequence[Measure]) -> list[list[str]]:
+    """Rows of what a block's setups are to be compared with, where there are figures of it."""
+    if not columns or columns[0].block not in VIEWER_BLOCKS:
+        return []
+    return [
+        [name, *(format_figure(row.get(column.key)) for column in columns)]
+        for name, row in beside_of(beside, columns).items()
+    ]
 
 
 def _printed(name: str, key: str) -> str:

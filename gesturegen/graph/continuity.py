@@ -97,7 +97,7 @@ class Products:
         norm = np.sqrt(self.squares.max())
         self.slack = 2.0 * (points.shape[1] + 8) * _UNIT_ROUNDOFF * (2.0 * norm) ** 2
 
-    def of(self, lefts: slice | np.ndarray) -> np.ndarray:
+    def of(self, lefts: slice) -> np.ndarray:
         """a . b `[shape=(L, T)]` of scaled points: half their squares minus it is half their distance's square."""
         return self.points[lefts] @ self.points.T
 

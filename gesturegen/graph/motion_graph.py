@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from gesturegen.clips import Reference
-from gesturegen.config import Config, Continuity
-from gesturegen.graph import continuity, neighbours, pruning, reference_frames
+from gesturegen.config import Config, Continuity, Phrases
+from gesturegen.graph import continuity, pruning, reference_frames
 from gesturegen.graph.reference_frames import ReferenceFrames, describe, join, positions_of, require_one_skeleton
+from gesturegen.speech.pauses import phrase_ends
 from gesturegen.stored import arrays as stored_arrays
 from gesturegen.stored.arrays import Array, Kind
 
@@ -20,7 +21,7 @@ FORMAT_VERSION = 3
 # Everything a stored graph depends on beyond its clips.
 SETTINGS = (
     "fps", "joints", "positions", "continuity", "onsets", "keywords.words", "wrists", "exclude", "breaks",
-    "pauses", "references.seconds",
+    "pauses", "phrases", "references.seconds",
 )  # fmt: skip
 
 
@@ -31,8 +32,7 @@ class MotionGraph(ReferenceFrames):
     indptr : int [shape=(N + 1,)], indices : int [shape=(E,)], ascending in each row
     weights : float32 [shape=(E,)], 0 for natural edges; natural : bool [shape=(E,)]
     thresholds : float [shape=(N,)], NaN where there is none
-    near_nodes : int32 [shape=(N, M)], the M nearest other nodes of each, nearest first (`neighbours.py`)
-    near_distances : float [shape=(N, M)], how far they are
+    phrase_ends : int [shape=(E,)], the nodes at which a phrase of the references' speech ends
     """
 
     indptr: np.ndarray
@@ -40,8 +40,7 @@ class MotionGraph(ReferenceFrames):
     weights: np.ndarray
     natural: np.ndarray
     thresholds: np.ndarray
-    near_nodes: np.ndarray
-    near_distances: np.ndarray
+    phrase_ends: np.ndarray
 
     def __post_init__(self):
         super().__post_init__()
@@ -78,12 +77,22 @@ def build(references: Sequence[Reference], config: Config, block_pairs: int | No
     require_one_skeleton(references)
     described = join([describe(reference, config) for reference in references])
     positions = np.concatenate([positions_of(reference.motion, config) for reference in references])
-    return from_positions(positions, settings=config.continuity, block_pairs=block_pairs, **described)
+    ends = [phrase_nodes(reference, config.phrases) for reference in references]
+    ends = np.concatenate([own + start for own, start in zip(ends, described["clip_starts"], strict=True)])
+    return from_positions(positions, settings=config.continuity, block_pairs=block_pairs, phrase_ends=ends, **described)
+
+
+def phrase_nodes(reference: Reference, settings: Phrases) -> np.ndarray:
+    """The frames, among those that may be used, at which a phrase of a reference's speech ends."""
+    frames = np.unique(np.round(phrase_ends(reference.speech.words, settings) * reference.speech.fps).astype(np.int64))
+    kept = reference.source_frames
+    return np.searchsorted(kept, frames[np.isin(frames, kept)])
 
 
 def from_positions(
-    positions: np.ndarray, segment_starts: np.ndarray, settings: Continuity, block_pairs: int | None = None, **described
-) -> MotionGraph:
+    positions: np.ndarray, segment_starts: np.ndarray, settings: Continuity, block_pairs: int | None = None,
+    phrase_ends: np.ndarray | None = None, **described,
+) -> MotionGraph:  # fmt: skip
     """The graph of stored float32 `positions` `[shape=(N, J, 3)]`, which alone define its edges."""
     nodes = len(positions)
     poses = continuity.flatten(positions)
@@ -101,7 +110,6 @@ def from_positions(
     rights = np.concatenate([natural_lefts + 1, rights[keep]])
     weights = np.concatenate([np.zeros(len(natural_lefts)), weights[keep]])
     order = np.lexsort((rights, lefts))
-    near_nodes, near_distances = neighbours.nearest(poses, speeds, settings, **options)
     return MotionGraph(
         positions=positions,
         segment_starts=segment_starts,
@@ -110,8 +118,7 @@ def from_positions(
         weights=weights[order].astype(np.float32),
         natural=(order < len(natural_lefts)),
         thresholds=limits,
-        near_nodes=near_nodes,
-        near_distances=near_distances,
+        phrase_ends=np.zeros(0, dtype=np.int64) if phrase_ends is None else phrase_ends,
         **described,
     )
 
@@ -143,8 +150,7 @@ KIND = Kind(
         "weights": Array("f4", "E", stored_arrays.not_negative),
         "natural": Array("bool", "E"),
         "thresholds": Array("f8", "N", stored_arrays.finite_or_nan),
-        "near_nodes": Array("i4", "N M", stored_arrays.below("N")),
-        "near_distances": Array("f8", "N M", stored_arrays.not_negative),
+        "phrase_ends": Array("i8", "P", stored_arrays.rising("N")),
     },
     FORMAT_VERSION, _unfit,
 )  # fmt: skip

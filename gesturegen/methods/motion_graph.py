@@ -37,9 +37,18 @@ def _notes(path: Path, graph: MotionGraph, speech: Speech, config: Config) -> tu
     """What a user should know of a clip beyond its figures."""
     notes, pieces = [], path.tracks[0].pieces
     wanted = keynodes.of_speech(speech, config.keywords.words).keywords
-    lacking = sorted(set(wanted.tolist()) - set(graph.key_nodes.keywords.tolist()))
+    lacking = ", ".join(sorted(set(wanted.tolist()) - set(graph.key_nodes.keywords.tolist())))
+    if config.search == "global":
+        if lacking and config.global_search.lambda_keyword > 0:
+            notes.append(f"keywords that its references lack, so nothing is shown for them: {lacking}")
+        hands_of = ", ".join(sorted({config.control.left, config.control.right} - set(graph.joint_names)))
+        if hands_of and config.global_search.lambda_beat > 0:
+            notes.append(
+                f"no beats of the hands, because control.left or control.right is none of its joints: {hands_of}"
+            )
+        return tuple(notes)
     if lacking and config.termination.fallbacks:
-        notes.append(f"keywords that its references lack, so those pieces end at onsets: {', '.join(lacking)}")
+        notes.append(f"keywords that its references lack, so those pieces end at onsets: {lacking}")
     repeats = sum(piece.fallback == "repeat" for piece in pieces)
     if repeats:
         notes.append(f"{repeats} of {len(pieces)} pieces hold one pose, because no path fits; give longer references")
@@ -49,16 +58,16 @@ def _notes(path: Path, graph: MotionGraph, speech: Speech, config: Config) -> tu
 def _search(
     graph: MotionGraph, speech: Speech, config: Config, rng: np.random.Generator, earlier: Sequence[Path]
 ) -> Path:
-    key_nodes = keynodes.of_speech(speech, config.keywords.words)
-    cuts = targets(key_nodes, speech.n_frames)
     if config.search == "global":
         used = np.zeros(graph.n_nodes)
         for path in earlier:
             used[path.tracks[0].nodes] += config.global_search.lambda_variant
         demands, control = _control(graph, speech, config)
-        result = global_search.search(graph, cuts, keynodes.speaking(speech, config.pauses), config, used, control)
+        result = global_search.search(graph, speech, config, used, control)
         objective = {"first": result.first, "final": result.final}
         return Path((Track(result.pieces),), objective=objective, demands=demands)
+    key_nodes = keynodes.of_speech(speech, config.keywords.words)
+    cuts = targets(key_nodes, speech.n_frames)
     wanted = keynodes.speech_features(
         key_nodes, np.array([cut.start_frame for cut in cuts]), speech.n_frames, config.features
     )

@@ -9,6 +9,7 @@
 | `genea` | how far are its speeds and poses from recorded ones (Hellinger, CCA, `genea_compat`)? |
 | `frechet` | do short stretches look like recorded ones? |
 | `seams` | can the joins be seen? |
+| `detectability` | can a classifier find the joins? |
 | `usage` | what of the reference is used, and how often? |
 | `feet` | do the feet slide? |
 

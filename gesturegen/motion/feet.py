@@ -7,6 +7,7 @@ bones of a leg solved in closed form; how an offset builds up and goes is ours.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -21,6 +22,8 @@ CONTACT_HEIGHT = 2.5
 _SAME_PLACE, _REACH = 1e-3, 0.9999
 # Sine of the angle below which the axis of a bent knee is rounding.
 _STRAIGHT = 1e-6
+# Radians, of a knee that is locked out in standing: every leg may be stretched so far.
+_STANDING_BEND = np.radians(10.0)
 # Frames, of the filter that takes the corners off an offset.
 _SMOOTHING = 1.0
 
@@ -99,7 +102,7 @@ def lock(
     offsets = _offsets(np.stack(held, axis=1), np.stack(missing, axis=1), motion.fps, settings)
     rotations = motion.rotations.copy()
     for place, leg in enumerate(legs.values()):
-        _bend(rotations, motion, leg, offsets[:, place])
+        _bend(rotations, motion, leg, offsets[:, place], _longest_leg(recorded, leg))
     return replace(motion, rotations=rotations)
 
 
@@ -150,8 +153,36 @@ def _offsets(held: np.ndarray, missing: np.ndarray, fps: float, settings: Feet) 
     return gaussian_filter1d(offsets, _SMOOTHING, axis=0, mode="nearest")
 
 
-def _bend(rotations: np.ndarray, motion: Motion, leg: Leg, offsets: np.ndarray) -> None:
-    """Bend one leg, in place, so that its ankle moves by x, z and up `[shape=(T, 3)]`; the foot keeps its direction."""
+def _leg_lengths(motion: Motion, leg: Leg) -> np.ndarray:
+    """Distances from hip to ankle `[shape=(T,)]`."""
+    places = kinematics.joint_positions(motion, [leg.hip, leg.ankle])
+    return np.linalg.norm(places[:, 1] - places[:, 0], axis=1)
+
+
+def _longest_leg(recorded: Motion, leg: Leg) -> float:
+    """How far a leg may be stretched: as far as in the recording, or to what any standing leg does."""
+    places = kinematics.joint_positions(recorded.take(slice(0, 1)), [leg.hip, leg.knee, leg.ankle])[0]
+    thigh, shin = (float(np.linalg.norm(end - start)) for start, end in pairwise(places))
+    standing = np.sqrt(thigh**2 + shin**2 + 2.0 * thigh * shin * np.cos(_STANDING_BEND))
+    return max(float(_leg_lengths(recorded, leg).max()), float(standing))
+
+
+def _stretched(length: np.ndarray, wanted: np.ndarray, longest: float) -> np.ndarray:
+    """The wanted lengths, but none stretched over the longest: the nearer they come to it, the more slowly.
+
+    A leg near its full length turns its knee by many degrees for a millimetre: reached at full pace, it snaps.
+    Slowed only over the last 3 mm it still does, eight times as often on the real sample.
+    """
+    more, room = np.maximum(wanted - length, 0.0), np.maximum(longest - length, 0.0)
+    slowed = room * -np.expm1(-more / np.maximum(room, 1e-12))
+    return np.where(wanted > length, length + slowed, wanted)
+
+
+def _bend(rotations: np.ndarray, motion: Motion, leg: Leg, offsets: np.ndarray, longest: float) -> None:
+    """Bend one leg, in place, so that its ankle moves by x, z and up `[shape=(T, 3)]`; the foot keeps its direction.
+
+    longest : how far the leg may be stretched; a goal beyond that is pointed at
+    """
     joints = [leg.hip, leg.knee, leg.ankle]
     around = [j for joint in joints for j in (int(motion.skeleton.parents[joint]), joint)]
     world, places = kinematics.world_transforms(motion, around)
@@ -159,16 +190,17 @@ def _bend(rotations: np.ndarray, motion: Motion, leg: Leg, offsets: np.ndarray) 
     goal = ankle + offsets[:, [0, 2, 1]]
     thigh, shin = knee - hip, ankle - knee
     long, short = np.linalg.norm(thigh, axis=1), np.linalg.norm(shin, axis=1)
-    reach = np.clip(np.linalg.norm(goal - hip, axis=1), np.abs(long - short) / _REACH, (long + short) * _REACH)
+    wanted = _stretched(np.linalg.norm(ankle - hip, axis=1), np.linalg.norm(goal - hip, axis=1), longest)
+    reach = np.clip(wanted, np.abs(long - short) / _REACH, (long + short) * _REACH)
     # The knee, about the axis it is bent on already: the angle that brings the ankle to the goal's distance.
     axis = np.cross(thigh, shin)
     bent = np.arctan2(np.linalg.norm(axis, axis=1), np.sum(thigh * shin, axis=1))
-    wanted = np.arccos(np.clip((reach**2 - long**2 - short**2) / (2.0 * long * short), -1.0, 1.0))
+    bend = np.arccos(np.clip((reach**2 - long**2 - short**2) / (2.0 * long * short), -1.0, 1.0))
     size = np.linalg.norm(axis, axis=1, keepdims=True)
     # A straight leg has no such axis: then the body's own from right to left.
     sideways = rotation.rotate(world[:, 0], np.array([1.0, 0.0, 0.0]))
     axis = np.where(size > _STRAIGHT * (long * short)[:, None], axis / np.maximum(size, 1e-300), sideways)
-    at_knee = rotation.from_expmap(axis * (wanted - bent)[:, None])
+    at_knee = rotation.from_expmap(axis * (bend - bent)[:, None])
     # Then the whole leg, the shortest way towards the goal.
     at_hip = rotation.between(thigh + rotation.rotate(at_knee, shin), goal - hip)
     # What lies between two of the joints turns with the upper one.

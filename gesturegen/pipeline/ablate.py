@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 
-from gesturegen import __version__, clips, evaluation, files, keynodes, submission
+from gesturegen import __version__, clips, evaluation, files, keynodes, submission, viewer
 from gesturegen.ablation import causes, plot, reference_length, summary, tables
 from gesturegen.ablation.plan import Plan, seeded
-from gesturegen.config import Config, Evaluation
+from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.extras import need
 from gesturegen.graph.motion_graph import MotionGraph
@@ -32,11 +32,19 @@ from gesturegen.pipeline.common import (
     shown_from,
     work_path,
 )
-from gesturegen.pipeline.evaluate import locate_file, read_heard, reference_skate, require_same_joints
+from gesturegen.pipeline.evaluate import (
+    add_detectability,
+    locate_file,
+    measure_beside,
+    read_heard,
+    recordings,
+    reference_skate,
+    require_same_joints,
+)
 from gesturegen.pipeline.memory import require_memory_for
 from gesturegen.pipeline.showing import show
 from gesturegen.randomness import generator
-from gesturegen.search import objective
+from gesturegen.search import global_search, objective
 from gesturegen.search.path import Path as SearchPath
 from gesturegen.stored import documents
 
@@ -122,10 +130,11 @@ def _graph_path(config: Config, setup: str, names: Sequence[str], folder: str = 
 
 def _run_all(plan: Plan, chosen: _Chosen, groups: dict, index: dict, jobs: int, quiet: bool, keep: bool) -> Summary:
     # The clip comes first in the name, and tasks run by name: its truth is then read once for all setups.
+    first = next(iter(chosen))
     tasks = {
         f"{test}, seed {seed}, {setup}": partial(
             _run_clip, setup, groups[setup, names], test, names, seeded(plan.setups[setup], seed), plan.base,
-            index["tests"][test]["truth"], keep,
+            index["tests"][test]["truth"], keep, len(tests), (setup, seed) == first,
         )
         for (setup, seed), tests in chosen.items()
         for test, names in tests.items()
@@ -192,24 +201,28 @@ def gesture(
 
 def _run_clip(
     setup: str, owner: str, test: str, names: tuple[str, ...], config: Config, base: Config, truth_path: str | None,
-    keep: bool,
+    keep: bool, n_clips: int, with_beside: bool,
 ) -> dict:  # fmt: skip
+    """The row of a clip; `seams` and `beside` in it are evidence for the totals.
+
+    with_beside : whether to measure what stands beside, which is the same for all setups
+    """
     made = gesture(owner, test, names, config, base)
     if keep:
         kept = work_path(config, "ablation", setup, str(config.seed))
         submission.write_clip(kept, test, made.motion, {**made.trace, "inputs": ""})
-    measured = None
+    measured, evidence = None, {"seams": None, "beside": None}
     if made.motion is not None:
-        measured = _measure(made, test, base, truth_path)
+        measured, found = _measure(made, test, base, truth_path, n_clips)
+        evidence = {"seams": found.seams, "beside": found.beside() if with_beside else None}
         measured["objective"] = evaluation.NAN
         if isinstance(made.graph, MotionGraph):
             # By the base's prices and pauses whatever the setup searches by: one ruler.
-            prices = objective.PriceList(made.graph, base.global_search, base.continuity)
-            speaking = keynodes.speaking(made.speech, base.pauses)
-            measured["objective"] = objective.total(made.path.tracks[0].pieces, prices, speaking)["total"]
+            prices = global_search.price_list(made.graph, made.speech, base)
+            measured["objective"] = objective.total(submission.shown_nodes(made.trace), prices)["total"]
         measured["search_seconds"] = round(made.seconds, 4)
     about = {"setup": setup, "seed": config.seed, "clip": test}
-    return about | summary.clip_row(made.trace, made.graph, measured)
+    return about | summary.clip_row(made.trace, made.graph, measured) | evidence
 
 
 _warm: set[tuple] = set()
@@ -224,19 +237,34 @@ def _warm_up(graph: ReferenceFrames, speech: clips.Speech, config: Config) -> No
         _warm.add(kind)
 
 
-def _measure(made: Gestured, test: str, base: Config, truth_path: str | None) -> dict[str, float]:
-    ruler = base.model_copy(update={"evaluation": Evaluation(**base.evaluation.model_dump() | {"frechet_windows": ()})})
-    measured, generated, truth = measure(made, test, ruler, truth_path)
+def _measure(
+    made: Gestured, test: str, base: Config, truth_path: str | None, n_clips: int
+) -> tuple[dict[str, float], Measured]:
+    ruler = base.model_copy(update={"evaluation": base.evaluation.model_copy(update={"frechet_windows": ()})})
+    found = measure(made, test, ruler, truth_path, n_clips)
     onset_times = read_heard(clip_path(base, test), base).onset_times
-    return measured | causes.measure(generated, truth, made.trace, made.graph, onset_times, ruler)
+    row = found.row | causes.measure(found.generated, found.truth, made.trace, made.graph, onset_times, ruler)
+    return row, found
 
 
-def measure(
-    made: Gestured, test: str, ruler: Config, truth_path: str | None
-) -> tuple[dict[str, float], evaluation.Joints, evaluation.Joints | None]:
-    """The measures of one clip that has a motion, and the joints of this and of its truth.
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """The measures of one clip, the joints of its motion and of its truth, and evidence for the totals.
 
-    ruler : one config for all setups, also where they hear other onsets
+    seams : for `viewer.detect_seams`; beside : measures what stands beside when it is called
+    """
+
+    row: dict[str, float]
+    generated: evaluation.Joints
+    truth: evaluation.Joints | None
+    seams: viewer.SeamEvidence
+    beside: Callable[[], viewer.Beside]
+
+
+def measure(made: Gestured, test: str, ruler: Config, truth_path: str | None, n_clips: int) -> Measured:
+    """The measures of one clip that has a motion.
+
+    ruler : one config for all setups, also where they hear other onsets; n_clips : of the run
     """
     truth = None
     if truth_path is not None:
@@ -246,10 +274,17 @@ def measure(
     if truth is not None:
         require_same_joints(truth_path, truth, generated)
     skate = reference_skate(ruler, submission.shown_clips(made.trace))
-    return evaluation.measure_clip(generated, ruler, heard, truth, made.trace, made.graph, skate), generated, truth
+    recorded = recordings(ruler, made.trace)
+    return Measured(
+        evaluation.measure_clip(generated, ruler, heard, truth, made.trace, made.graph, skate, recorded),
+        generated, truth, evaluation.seam_evidence(generated, made.trace, made.graph, recorded, n_clips),
+        partial(measure_beside, test, len(generated.world), ruler, heard, truth, recorded),
+    )  # fmt: skip
 
 
 def _summarize(plan: Plan, chosen: _Chosen, rows: list[dict], index: dict) -> summary.Result:
+    found = [row.pop("beside") for row in rows]
+    beside = viewer.beside_totals([one for one in found if one is not None])
     setups = {}
     for setup, config in plan.setups.items():
         by_seed = {}
@@ -257,8 +292,9 @@ def _summarize(plan: Plan, chosen: _Chosen, rows: list[dict], index: dict) -> su
             own = [row for row in rows if row["setup"] == setup and row["seed"] == seed]
             seconds = durations(config, chosen[setup, seed], index)
             by_seed[seed] = summary.run_figures(own, seconds, index["training_seconds"])
+            add_detectability({row["clip"]: row for row in own}, by_seed[seed], plan.base)
         setups[setup] = summary.over_seeds(by_seed)
-    return summary.Result(setups, len(index["tests"]), plan.signature | {"version": __version__}, rows)
+    return summary.Result(setups, len(index["tests"]), plan.signature | {"version": __version__}, rows, beside)
 
 
 def durations(config: Config, chosen: dict[str, tuple[str, ...]], index: dict) -> dict[str, float]:

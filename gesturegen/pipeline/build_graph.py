@@ -32,7 +32,11 @@ from gesturegen.pipeline.common import (
     work_path,
 )
 from gesturegen.pipeline.memory import require_memory
+from gesturegen.search import rewards
 from gesturegen.stored import sealing
+
+# A lag of beats that stands out by fewer standard deviations may be chance: it is the best of many.
+SURE = 3.0
 
 
 @dataclass(frozen=True)
@@ -152,4 +156,18 @@ def _describe(found: ReferenceFrames, config: Config) -> dict:
         f"{found.n_nodes} nodes, {int(np.sum(found.natural))} natural and {int(np.sum(~found.natural))} unnatural edges, "
         f"key nodes: {kinds}"
     )
-    return {"lines": [line], "notes": []}
+    return {"lines": [line, *_beat_lag(found, config)], "notes": []}
+
+
+def _beat_lag(graph: MotionGraph, config: Config) -> list[str]:
+    """A line on how long after the onsets of a reference its hands stop, if both are known."""
+    measured = rewards.measure_beat_lag(graph, config)
+    if measured is None:
+        return []
+    lag, sure = measured
+    if sure < SURE:
+        return [f"beats of the hands follow the onsets by no lag that stands out (z {sure:.1f})"]
+    return [
+        f"beats of the hands follow the onsets by {lag:+.2f} s (z {sure:.1f}); used is global_search.beat_lag_seconds "
+        f"= {config.global_search.beat_lag_seconds:g}"
+    ]

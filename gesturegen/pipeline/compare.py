@@ -9,17 +9,17 @@ import os
 import shutil
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gesturegen import __version__, clips, evaluation, files, submission
+from gesturegen import __version__, clips, evaluation, files, submission, viewer
 from gesturegen.ablation.plan import Plan, seeded
 from gesturegen.ablation.summary import Setup
-from gesturegen.ablation.tables import aligned_blocks, format_spread, markdown_blocks
+from gesturegen.ablation.tables import aligned_blocks, beside_cells, format_spread, markdown_blocks
 from gesturegen.config import Config
 from gesturegen.errors import DataError, GesturegenError
 from gesturegen.evaluation import Measure
@@ -38,6 +38,7 @@ from gesturegen.pipeline.common import (
     require_writable,
     work_path,
 )
+from gesturegen.pipeline.evaluate import add_detectability
 from gesturegen.pipeline.memory import require_memory_for
 from gesturegen.randomness import generator
 from gesturegen.report import pack, page
@@ -70,6 +71,7 @@ class _Comparison:
     clips: list[dict]
     n_clips: int
     signature: dict
+    beside: dict
 
 
 @dataclass(frozen=True)
@@ -127,8 +129,10 @@ def compare(plan: Plan, jobs: int, quiet: bool, out: Path | None = None) -> Summ
 def _compare(plan: Plan, tasks: Sequence[_Task], index: dict, jobs: int, quiet: bool, written: list[Path]) -> Summary:
     runs: dict[str, dict[int, dict[str, float]]] = {setup: {} for setup in plan.setups}
     rows: list[dict] = []
+    beside: dict[str, dict] = {}
     for task in tasks:
-        made, total = _run(task, plan.base, index, jobs, quiet)
+        made, total, found = _run(task, plan.base, index, jobs, quiet)
+        beside = beside or found
         if made.outcome.failed:
             # Rows over different clips would compare nothing.
             made.lines = ["no table was written, because the setups would not be measured on the same clips"]
@@ -144,7 +148,7 @@ def _compare(plan: Plan, tasks: Sequence[_Task], index: dict, jobs: int, quiet: 
     columns = [*evaluation.measures(plan.base), *MACHINE_MEASURES]
     setups = {setup: _over_seeds(by_seed, columns) for setup, by_seed in runs.items()}
     signature = plan.signature | {"version": __version__}
-    result = _Comparison(columns, setups, rows, len(index["tests"]), signature)
+    result = _Comparison(columns, setups, rows, len(index["tests"]), signature, beside)
     files.write_text(written[0], _format_markdown(result))
     files.write_text(written[1], _format_csv(result))
     documents.write(written[2], _json_table(result))
@@ -157,24 +161,27 @@ def _compare(plan: Plan, tasks: Sequence[_Task], index: dict, jobs: int, quiet: 
 # --- one setup at one seed ----------------------------------------------------------------------------------
 
 
-def _run(task: _Task, base: Config, index: dict, jobs: int, quiet: bool) -> tuple[Summary, dict[str, float]]:
-    """Its rows by clip, and its figures in total as `evaluate` forms them."""
+def _run(
+    task: _Task, base: Config, index: dict, jobs: int, quiet: bool
+) -> tuple[Summary, dict[str, float], dict[str, dict]]:
+    """Its rows by clip, its figures in total as `evaluate` forms them, and what stands beside them."""
     named = {
         f"{test}, seed {task.config.seed}, {task.setup}": partial(
-            _run_clip, task, test, base, index["tests"][test]["truth"]
+            _run_clip, task, test, base, index["tests"][test]["truth"], len(task.references)
         )
         for test in task.references
     }
     outcome = for_each(named, jobs, "compare", quiet)
     made = Summary(outcome)
     if outcome.failed:
-        return made, {}
+        return made, {}, {}
     done = list(outcome.done.values())
     outcome.done = {name: one["row"] for name, one in outcome.done.items()}
     rows = list(outcome.done.values())
     pairs = [(one["generated"], one["truth"]) for one in done if one["truth"] is not None]
     with threadpool_limits(limits=1):  # as in the workers, so that the figures depend on no number of threads
         total = evaluation.totals(rows, [pair[0] for pair in pairs], [pair[1] for pair in pairs], base)
+        add_detectability({row["clip"]: row for row in rows}, total, base)
     seconds = durations(task.config, task.references, index)
     rest = max(index["training_seconds"] - sum(seconds.values()), 0.0)
     moving = [row for row in rows if not row["failure"]]
@@ -185,23 +192,25 @@ def _run(task: _Task, base: Config, index: dict, jobs: int, quiet: bool) -> tupl
     total["search_seconds"] = float(np.mean([row["search_seconds"] for row in rows]))
     if task.kept is not None:
         _complete_folder(task, [one["manifest_row"] for one in done])
-    return made, total
+    return made, total, viewer.beside_totals([one["beside"] for one in done if one["beside"] is not None])
 
 
-def _run_clip(task: _Task, test: str, base: Config, truth_path: str | None) -> dict:
+def _run_clip(task: _Task, test: str, base: Config, truth_path: str | None, n_clips: int) -> dict:
     names = task.references[test]
     made = gesture(task.owners[names], test, names, task.config, base, FOLDER)
     written = {}
     if task.kept is not None:
         written = submission.write_clip(task.kept, test, made.motion, {**made.trace, "inputs": ""})
-    row, generated, truth = evaluation.failed_row(base), None, None
+    row, found = evaluation.failed_row(base), None
     if made.motion is not None:
-        row, generated, truth = measure(made, test, base, truth_path)
+        found = measure(made, test, base, truth_path, n_clips)
+        row = found.row
     about = {"setup": task.setup, "seed": task.config.seed, "clip": test, "references": list(names)}
     return {
-        "row": about | row | {"search_seconds": round(made.seconds, 4)},
-        "generated": generated,
-        "truth": truth,
+        "row": about | row | {"search_seconds": round(made.seconds, 4), "seams": found and found.seams},
+        "generated": found and replace(found.generated, curves=None),
+        "truth": found and found.truth and replace(found.truth, curves=None),
+        "beside": found and found.beside(),
         "manifest_row": submission.clip_row(made.trace) | {"files": written},
     }
 
@@ -287,7 +296,7 @@ def _cells(result: _Comparison, block: str) -> list[list[str]]:
         cells = [format_spread(setup.mean[column.key], setup.spread[column.key]) for column in columns]
         of = [f" of {result.n_clips}" if column.key == "failure" else "" for column in columns]
         rows.append([name, *(cell + end for cell, end in zip(cells, of, strict=True))])
-    return rows
+    return rows + beside_cells(result.beside, columns)
 
 
 def _blocks(result: _Comparison) -> list[str]:
@@ -318,6 +327,9 @@ def _format_csv(result: _Comparison) -> str:
         for label, figures in runs.items():
             cells = ["-" if math.isnan(figures[key]) else repr(figures[key]) for key in keys]
             writer.writerow([name, label, *cells, *source])
+    for name, row in result.beside.items():
+        cells = ["-" if math.isnan(row.get(key, math.nan)) else repr(row[key]) for key in keys]
+        writer.writerow([name, "-", *cells, result.n_clips, "-", seeds.split()[0], result.signature["version"]])
     return text.getvalue()
 
 
@@ -335,6 +347,7 @@ def _json_table(result: _Comparison) -> dict:
             }
             for name, setup in result.setups.items()
         },
+        "beside": {name: json_figures(row) for name, row in result.beside.items()},
         "clips": [
             {key: None if isinstance(value, float) and math.isnan(value) else value for key, value in row.items()}
             for row in result.clips
@@ -374,6 +387,7 @@ def _write_page(
     figures = {
         "clips": {_title(name): json_figures(setup.by_seed[seed]) for name, setup in result.setups.items()},
         "total": {},
+        "beside": {name: json_figures(row) for name, row in result.beside.items()},
     }
     content = page.Content(
         manifest=manifest,

@@ -6,13 +6,14 @@ import csv
 import hashlib
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache, partial
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache, partial
 from pathlib import Path
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gesturegen import __version__, clips, evaluation, files, submission, tables
+from gesturegen import __version__, clips, evaluation, files, keynodes, submission, tables, viewer
 from gesturegen.config import Config
 from gesturegen.control import hands
 from gesturegen.errors import DamagedError, DataError
@@ -82,7 +83,8 @@ def evaluate(
             except DamagedError as error:
                 lost = [("evaluate", sealing.remade(error))]
     require_writable(work_path(config, "evaluate"))
-    outcome = for_each({item.name: partial(_measure, item, config) for item in evidence}, jobs, "evaluate", quiet)
+    tasks = {item.name: partial(_measure, item, config, len(evidence)) for item in evidence}
+    outcome = for_each(tasks, jobs, "evaluate", quiet)
     measured = outcome.done
     rows = {name: done["row"] for name, done in measured.items()} | {
         name: evaluation.failed_row(config) for name in failed
@@ -94,20 +96,24 @@ def evaluate(
         total = evaluation.totals(
             list(rows.values()), [generated[name] for name in truths], list(truths.values()), config
         )
+        for name in rows:
+            rows[name]["seams"] = measured[name]["seams"] if name in measured else None
+        add_detectability(rows, total, config)
     if index is not None:
         _add_utilisation(rows, total, {name: done["references"] for name, done in measured.items()}, index)
     columns = evaluation.measures(config)
     control = {name: done["control"] for name, done in sorted(measured.items()) if done["control"]}
+    beside = viewer.beside_totals([done["beside"] for _, done in sorted(measured.items()) if done["beside"]])
     summary = Summary(outcome, lost)
     suffix = "" if bvh_folder is None else "_files"
     if compat:
         columns = list(evaluation.COMPAT_MEASURES)
         rows, total = evaluation.genea_compat(generated, truths)
-        control = {}
+        control = beside = {}
         signature["conventions"] = "genea"
         suffix += "_genea"
-    summary.lines = _lines(rows, total, columns, control, signature)
-    summary.written = _write_tables(config, rows, total, columns, control, signature, suffix)
+    summary.lines = _lines(rows, total, columns, control, signature, beside)
+    summary.written = _write_tables(config, rows, total, columns, control, signature, suffix, beside)
     return summary
 
 
@@ -132,6 +138,7 @@ def _kept_figures(config: Config, signature: dict, names: set[str]) -> Summary |
     rows = {name: tables.from_json(row) for name, row in stored["clips"].items()}
     total, columns = tables.from_json(stored["total"]), evaluation.measures(config)
     control, control_path = stored.get("control", {}), _control_path(config)
+    beside = {name: tables.from_json(row) for name, row in stored["beside"].items()}
     if control_path.is_file() != bool(control):
         return None
     try:
@@ -144,18 +151,20 @@ def _kept_figures(config: Config, signature: dict, names: set[str]) -> Summary |
         if path.read_bytes() != text.encode():
             raise sealing.damaged(path, "not what summary.json says", "evaluate")
     written = [csv_path, json_path, *([control_path] if control else [])]
-    return Summary(Outcome(done=rows), lines=_lines(rows, total, columns, control, signature), written=written)
+    return Summary(Outcome(done=rows), lines=_lines(rows, total, columns, control, signature, beside), written=written)
 
 
 def _write_tables(
-    config: Config, rows: dict, total: dict, columns: list, control: dict, signature: dict, suffix: str
-) -> list[Path]:
+    config: Config, rows: dict, total: dict, columns: list, control: dict, signature: dict, suffix: str,
+    beside: dict,
+) -> list[Path]:  # fmt: skip
     csv_path, json_path = (
         work_path(config, "evaluate", name) for name in (f"metrics{suffix}.csv", f"summary{suffix}.json")
     )
-    files.write_text(csv_path, tables.format_csv(rows, total, columns, signature))
+    files.write_text(csv_path, tables.format_csv(rows, total, columns, signature, beside))
     figures = {name: tables.json_figures(row) for name, row in rows.items()}
     told = {"signature": signature, "total": tables.json_figures(total), "clips": figures}
+    told["beside"] = {name: tables.json_figures(row) for name, row in beside.items()}
     documents.write(json_path, told | ({"control": control} if control else {}))
     written = [csv_path, json_path]
     if control:
@@ -166,9 +175,9 @@ def _write_tables(
     return written
 
 
-def _lines(rows: dict, total: dict, columns: list, control: dict, signature: dict) -> list[str]:
+def _lines(rows: dict, total: dict, columns: list, control: dict, signature: dict, beside: dict) -> list[str]:
     """The tables as they are printed; that of control where any clip is controlled."""
-    blocks = [tables.format_blocks(rows, total, columns)]
+    blocks = [tables.format_blocks(rows, total, columns, beside)]
     if control:
         cells = [[name, *evaluation.control_cells(row)] for name, own in control.items() for row in own]
         blocks.append("[control]\n" + "\n".join(traces.align([_CONTROL_COLUMNS, *cells], _CONTROL_FIGURES)))
@@ -228,13 +237,14 @@ def _foreign_evidence(bvh_folder: Path, audio_folder: Path | None, truth_folder:
     return [_Evidence(name, path, sounds.get(name), truths.get(name)) for name, path in motions.items()]
 
 
-def _measure(evidence: _Evidence, config: Config) -> dict:
+def _measure(evidence: _Evidence, config: Config, n_clips: int) -> dict:
     generated = locate_file(evidence.motion, config)
     truth = locate_file(evidence.truth, config) if evidence.truth else None
     if truth is not None:
         require_same_joints(evidence.truth, truth, generated)
-    trace = graph = None
+    trace = graph = seams = None
     references: list[str] = []
+    recorded: list[viewer.Recorded] = []
     skate = evaluation.NAN
     if evidence.trace is not None:
         trace = submission.read_trace(evidence.trace)
@@ -243,11 +253,37 @@ def _measure(evidence: _Evidence, config: Config) -> dict:
         references = list(library.clip_names)
         graph = load_frames(library, trace, config)
         submission.require_nodes(trace, graph.n_nodes)
-        skate = reference_skate(config, submission.shown_clips(trace))
+        skate, recorded = reference_skate(config, submission.shown_clips(trace)), recordings(config, trace)
+        seams = evaluation.seam_evidence(generated, trace, graph, recorded, n_clips)
     heard = read_heard(evidence.audio, config)
-    row = evaluation.measure_clip(generated, config, heard, truth, trace, graph, skate)
+    row = evaluation.measure_clip(generated, config, heard, truth, trace, graph, skate, recorded)
     control = [] if trace is None else _measure_control(generated, trace, graph, config)
-    return {"row": row, "generated": generated, "truth": truth, "references": references, "control": control}
+    beside = measure_beside(evidence.name, len(generated.world), config, heard, truth, recorded)
+    # The curves have served, and there is one process that gathers all clips.
+    generated, truth = replace(generated, curves=None), truth and replace(truth, curves=None)
+    return {
+        "row": row, "generated": generated, "truth": truth, "references": references, "control": control,
+        "seams": seams, "beside": beside,
+    }  # fmt: skip
+
+
+def measure_beside(
+    name: str, n_frames: int, config: Config, heard: evaluation.Heard | None, truth: evaluation.Joints | None,
+    recorded: Sequence[viewer.Recorded],
+) -> viewer.Beside:  # fmt: skip
+    """Measures of what a clip is to be compared with."""
+    onset_frames, paused = (None, None) if heard is None else (heard.onset_frames(float(config.fps)), heard.paused)
+    true_curves = None if truth is None else truth.curves
+    return viewer.beside(n_frames, recorded, true_curves, config, name, onset_frames, paused)
+
+
+def add_detectability(rows: Mapping[str, dict], total: dict, config: Config) -> None:
+    """Replace the `seams` of the clips of a run by how well a classifier finds them; also in its total."""
+    seams = {name: row.pop("seams") for name, row in rows.items()}
+    found, by_clip = viewer.detect_seams({name: one for name, one in seams.items() if one is not None}, config)
+    total.update(found)
+    for name, figures in by_clip.items():
+        rows[name] |= figures
 
 
 def _measure_control(
@@ -281,11 +317,35 @@ def reference_skate(config: Config, names: Sequence[str]) -> float:
 
 
 @cache
-def _clip_skate(path: str, _digest: str, settings: str) -> tuple[FootSkate, int]:
+def _clip_skate(path: str, digest: str, settings: str) -> tuple[FootSkate, int]:
     """Small figures of large files: a worker reads each reference once."""
+    recorded, skate = _recording(path, digest, settings)
+    return skate, recorded.curves.n_frames
+
+
+def recordings(config: Config, trace: Mapping) -> list[viewer.Recorded]:
+    """The references of which a clip shows anything, measured."""
+    names = submission.shown_clips(trace)
+    settings = config.model_dump_json(by_alias=True)
+    return [_recording(str(clip_path(config, name)), digests(config, [name])[0], settings)[0] for name in names]
+
+
+@lru_cache(maxsize=16)
+def _recording(path: str, _digest: str, settings: str) -> tuple[viewer.Recorded, FootSkate]:
+    """A stored clip as a viewer sees it, with its speech, and its foot skate; a worker keeps the last ones."""
     config = Config.model_validate_json(settings)
-    motion = clips.load(path, config).motion
-    return evaluation.foot_skate(evaluation.locate(motion, config)), motion.n_frames
+    reference = clips.load(path, config).reference(config)
+    joints = evaluation.locate(reference.motion, config)
+    segments = np.split(np.arange(reference.motion.n_frames), reference.segment_starts[1:])
+    parts = [joints] if len(segments) == 1 else [
+        evaluation.locate(reference.motion.take(frames), config) for frames in segments
+    ]  # fmt: skip
+    curves = viewer.joined([part.curves for part in parts])
+    onsets = reference.speech.onset_frames
+    onset_frames = np.searchsorted(reference.source_frames, onsets[np.isin(onsets, reference.source_frames)])
+    paused = ~keynodes.reference_speaking(reference, config.pauses)
+    row = viewer.measure(curves, config, onset_frames, paused)
+    return viewer.Recorded(reference.name, curves, row), evaluation.foot_skate(joints)
 
 
 def read_heard(path: Path | None, config: Config) -> evaluation.Heard | None:
@@ -294,7 +354,8 @@ def read_heard(path: Path | None, config: Config) -> evaluation.Heard | None:
         return None
     if path.suffix == ".npz":
         speech = clips.load(path, config, with_motion=False).test_speech(config)
-        return evaluation.Heard(speech.onset_times, spoken(speech.words, speech.onset_times))
+        paused = ~keynodes.speaking(speech, config.pauses)
+        return evaluation.Heard(speech.onset_times, spoken(speech.words, speech.onset_times), paused)
     samples, rate = audio.read_samples(path)
     peaks = audio.detect_onset_peaks(samples, rate, config.onsets)
     return evaluation.Heard(peaks.select(config.onsets.min_strength, config.onsets.muted_max_share))

@@ -16,11 +16,11 @@ _PROCESS, _PER_FRAME = 350e6, 10_000
 # A gesture database stays on disk but for what is looked at; building one takes this much of a reference frame, its
 # mirrored copy included.
 _GESTURES_PER_FRAME = 2_500
-# The tables of the global search: for each frame of the speech and node one byte, or two where nodes have more
-# than 250 edges, which is not known before the graph is; and rows for each piece of the speech, five a second.
-_PER_FRAME_AND_NODE, _PER_PIECE_AND_NODE, _PIECES_PER_SECOND = 2.0, 24, 5
-# Bounds of joins to stop nodes, of the last graph and of this one: a share of all pairs, up to a limit.
-_BOUNDS_PER_PAIR, _MOST_BOUNDS = 1.0, 2 * 256e6
+# The tables of the global search: of each frame of the speech and node how the path goes on from there; of each frame
+# of the shortest stay two rows, of what is earned and priced some forty more, each a number a node; and join costs of
+# all pairs of nodes, up to a limit, while they are made some more.
+_PER_FRAME_AND_NODE, _ROWS, _PER_ROW_AND_NODE = 4, 40, 8
+_JOINS_PER_PAIR, _MOST_JOINS = 8.0, 350e6
 
 
 def estimate(reference_frames: int, test_frames: int, config: Config, kept_frames: int = 0) -> float:
@@ -32,10 +32,9 @@ def estimate(reference_frames: int, test_frames: int, config: Config, kept_frame
         return _PROCESS + _GESTURES_PER_FRAME * reference_frames
     need = _PROCESS + _PER_FRAME * (reference_frames + kept_frames)
     if config.search == "global":
-        pieces = _PIECES_PER_SECOND * test_frames / config.fps
-        longest = config.global_search.max_ratio * test_frames + config.global_search.slack_frames * pieces
-        need += (_PER_FRAME_AND_NODE * longest + _PER_PIECE_AND_NODE * pieces) * reference_frames
-        need += min(_BOUNDS_PER_PAIR * reference_frames**2, _MOST_BOUNDS)
+        rows = _ROWS + 2 * (config.global_search.min_stay_seconds * config.fps + 1)
+        need += (_PER_FRAME_AND_NODE * test_frames + _PER_ROW_AND_NODE * rows) * reference_frames
+        need += min(_JOINS_PER_PAIR * reference_frames**2, _MOST_JOINS)
     return need
 
 

@@ -22,7 +22,7 @@ from gesturegen.ablation.summary import FIGURES
 from gesturegen.ablation.tables import format_spread
 from gesturegen.config import Config
 from gesturegen.report import lengths
-from gesturegen.tables import format_figure
+from gesturegen.tables import beside_of, format_figure
 
 _SCRIPTS = ("figure.js", "timeline.js", "player.js", "controls.js")
 
@@ -84,6 +84,7 @@ def parts(content: Content, config: Config) -> Iterator[str]:
         "notices": "".join(f'<p class="notice">{_code(notice)}</p>' for notice in content.notices),
         "failed": _failed(content.failed),
         "summary": _summary(content, config),
+        "viewer": _viewer(content, config),
         "ablation": _ablation(content.ablation),
         "options": "".join(f'<option value="{k}">{escape(name)}</option>' for k, name in enumerate(content.clips)),
         "empty": "" if content.clips else '<p class="notice">No clip of this run can be shown.</p>',
@@ -153,7 +154,8 @@ def _summary(content: Content, config: Config) -> str:
     columns = [
         measure
         for measure in evaluation.measures(config)
-        if any(row.get(measure.key) is not None for row in [*figures["clips"].values(), figures["total"]])
+        if measure.block not in evaluation.VIEWER_BLOCKS
+        and any(row.get(measure.key) is not None for row in [*figures["clips"].values(), figures["total"]])
     ]
     headings = ["clip", "seconds", "pieces", "hard joins", "retries", "fallbacks", *(m.heading for m in columns)]
     places = {name: k for k, name in enumerate(content.clips)}
@@ -174,6 +176,29 @@ def _summary(content: Content, config: Config) -> str:
         *(format_figure(figures["total"].get(m.key)) for m in columns),
     ]
     return _table(headings, body, _row(f"all {len(rows)}", total))
+
+
+def _viewer(content: Content, config: Config) -> str:
+    """A table for each block of what a viewer complains of, with what stands beside its total."""
+    figures = content.figures or {"clips": {}, "total": {}}
+    beside, html = figures.get("beside", {}), ""
+    for block in evaluation.VIEWER_BLOCKS:
+        every = [*figures["clips"].values(), figures["total"]]
+        listed = [measure for measure in evaluation.measures(config) if measure.block == block]
+        columns = [measure for measure in listed if any(row.get(measure.key) is not None for row in every)]
+        if not columns:
+            continue
+
+        def cells(row: Mapping, columns=columns) -> list[str]:
+            return [format_figure(row.get(measure.key)) for measure in columns]
+
+        rows = [_row(escape(name), cells(row)) for name, row in figures["clips"].items()]
+        last = [_row(f"all {len(rows)}", cells(figures["total"]))] if figures["total"] else []
+        last += [_row(escape(name), cells(row)) for name, row in beside_of(beside, columns).items()]
+        scroll = f'class="scroll" tabindex="0" role="region" aria-label="{escape(block)}"'
+        table = _table(["clip", *(measure.heading for measure in columns)], rows, "".join(last))
+        html += f"<h3>{escape(block[0].upper() + block[1:])}</h3><div {scroll}>{table}</div>"
+    return f'<section id="viewer"><h2>What a viewer sees</h2>{html}</section>' if html else ""
 
 
 def _counts(row: Mapping, fps: float) -> list[str]:
@@ -205,7 +230,7 @@ def _ablation(ablation: Ablation | None) -> str:
     setups = ablation.results.get("setups") if isinstance(ablation.results, dict) else None
     if isinstance(setups, dict) and all(isinstance(setup, dict) for setup in setups.values()):
         scroll = 'class="scroll" tabindex="0" role="region" aria-label="Ablation table"'
-        html += f"<div {scroll}>{_ablation_table(setups)}</div>"
+        html += f"<div {scroll}>{_ablation_table(setups, ablation.results.get('beside') or {})}</div>"
         signature = ablation.results.get("signature") or {}
         seeds = ", ".join(map(str, signature.get("seeds", [])))
         html += (
@@ -234,8 +259,8 @@ def _reference_length(results: object | None) -> str:
     return f'<section id="reference-length">{html}</section>'
 
 
-def _ablation_table(setups: Mapping[str, Mapping]) -> str:
-    """A row per setup, and one of the paper's figures; its BC fits neither of ours, so it has its own column."""
+def _ablation_table(setups: Mapping[str, Mapping], beside: Mapping[str, Mapping]) -> str:
+    """A row per setup, and one of the paper's figures, then what the setups are to be compared with; its BC fits neither of ours, so it has its own column."""
     rows = []
     for name, setup in setups.items():
         mean, spread = (
@@ -247,4 +272,6 @@ def _ablation_table(setups: Mapping[str, Mapping]) -> str:
         if printed := setup.get("paper"):
             cells = [format_figure(printed[f.key]) if printed.get(f.key) is not None else "" for f in FIGURES]
             rows.append(_row("in the paper", [*cells, format_figure(printed.get("bc"))]))
+    for name, row in beside.items():
+        rows.append(_row(escape(name), [*(format_figure(row.get(f.key)) for f in FIGURES), ""]))
     return _table(["setup", *(figure.heading for figure in FIGURES), "paper's BC"], rows)

@@ -1,6 +1,6 @@
 """The loops of the global search. Inputs are checked and typed by `global_search.py`.
 
-Costs run backwards, from the end of the speech: what remains to be paid from a node at a place in a piece.
+Costs run backwards: what remains to be paid from a node in a frame of the speech to the end of the window.
 """
 
 from __future__ import annotations
@@ -12,332 +12,209 @@ import numpy as np
 from gesturegen.compiled import njit
 from gesturegen.graph._kernels import distance
 
-_BANDS = 256
-_CHUNK = 64
-END, NATURAL, HOLD, EDGE = 0, 1, 2, 3  # actions; EDGE + e is the e-th unnatural edge of the node
+BLOCK, MOST_TARGETS = 16, 32
+NATURAL, HOLD = -1, -2  # how a path goes on; a number from 0 on is the node that it joins to
 
 
 class Joins(NamedTuple):
-    """What a graph offers to a search, for N nodes.
+    """What a graph offers to a search, for N nodes, of which G are gates: joins lead from gates to gates.
 
-    successors : int [shape=(N,)]; edge_starts, edge_nodes, edge_costs : unnatural edges in CSR form
-    with_edges : the nodes that have any; near_nodes, near_costs : [shape=(N, M)], the nearest nodes of each
-    nearest_costs : [shape=(N,)], to the nearest one of all
-    stops : int [shape=(K,)], successors of stop nodes; stop_costs : float32 [shape=(K, N)], lower bounds of the
-    join costs from them, or [shape=(0, 0)] where they would take too much memory
-    anchors, anchor_costs : [shape=(N,)], for each node the place in `stops` of one near it, and the cost between
+    successors, left : int [shape=(N,)], the natural successor (itself at a segment's end); nodes to the segment's end
+    segments : int [shape=(N,)], the number of each node's segment; stutter : no join may jump so few frames in one
+    gates : int [shape=(G,)], ascending; `shift` gates before a gate is the one a frame before it, 0 where none is
+    matrix : float32 [shape=(G, G)], what a join to a gate (row) from another one (column) costs beside its price; inf
+        for steps that are no joins
+    rows : float32 [shape=(G, B)], the least of each `BLOCK` columns of it; blocks : [shape=(B, B)], of as many rows, too
     poses, velocities : float64 [shape=(N, D)]; by_pose, by_velocity : their weights in a join cost
-    sketch : float32 [shape=(N, 2, M)], poses and velocities in the few directions in which they differ most
-    sketch_weights : [shape=(2,)], their weights in a cost between sketches, a lower bound of the join cost but for
-    slack : what rounding may add to it
     """
 
     successors: np.ndarray
-    edge_starts: np.ndarray
-    edge_nodes: np.ndarray
-    edge_costs: np.ndarray
-    with_edges: np.ndarray
-    near_nodes: np.ndarray
-    near_costs: np.ndarray
-    nearest_costs: np.ndarray
-    stops: np.ndarray
-    stop_costs: np.ndarray
-    anchors: np.ndarray
-    anchor_costs: np.ndarray
+    left: np.ndarray
+    segments: np.ndarray
+    stutter: int
+    gates: np.ndarray
+    shift: int
+    matrix: np.ndarray
+    rows: np.ndarray
+    blocks: np.ndarray
     poses: np.ndarray
     velocities: np.ndarray
-    sketch: np.ndarray
-    sketch_weights: np.ndarray
     by_pose: float
     by_velocity: float
-    slack: float
-
-
-class Pieces(NamedTuple):
-    """Consecutive pieces of a test speech, P of them.
-
-    starts, lengths, shortest, longest : int [shape=(P,)], in frames; rules : their rows of `end_prices`
-    end_prices : [shape=(R, N)], of each node as a last one; open_rules : bool [shape=(R,)], all of them 0
-    states : int [shape=(T,)], of the test speech (`objective.PriceList`)
-    followed : whether more of the path follows the last of them
-    """
-
-    starts: np.ndarray
-    lengths: np.ndarray
-    shortest: np.ndarray
-    longest: np.ndarray
-    rules: np.ndarray
-    end_prices: np.ndarray
-    open_rules: np.ndarray
-    states: np.ndarray
-    followed: bool
-
-
-PER_PIECE = ("starts", "lengths", "shortest", "longest", "rules")
 
 
 class Prices(NamedTuple):
-    """Prices of nodes, most of them by the state of the test speech [shape=(S, N)], and of a length's misfit.
+    """What frames cost, for T frames of speech and N nodes.
 
-    shown : of each frame; least_shown : [shape=(N,)], in the node's best state; passing : of leaving the node inside a piece; holding : of staying at it for a frame
-    entering : [shape=(N,)], of coming to the node, however long the path stays
+    states : int [shape=(T,)]; shown, holding : [shape=(S, N)], of showing a node and of holding it, by state
+    gains : [shape=(R, T)], rewards : [shape=(R, N)]; their products are taken off the cost of coming to a node
+    marks : int [shape=(K, 3)], frame, first node and node after the last, in order of frames; each costs `mark` more
+    mark_starts : int [shape=(T + 1,)], where the marks of each frame begin
     """
 
+    states: np.ndarray
     shown: np.ndarray
-    least_shown: np.ndarray
-    passing: np.ndarray
     holding: np.ndarray
-    entering: np.ndarray
-    misfit: float
-
-
-class Tables(NamedTuple):
-    """What the program fills.
-
-    actions : [shape=(>= sum of longest * N,)]; offsets : int [shape=(P,)], where a piece begins in it
-    first_costs : [shape=(P + 1, N)], what remains from each first node of a piece, and of what follows them
-    last_costs : [shape=(P, N)], what remains after each last node, exactly or a lower bound; exact says which
-    targets : int [shape=(P, N)], the first node of the next piece after each last node
-    wanted : [shape=(P, N)], where `last_costs` must be exact
-    """
-
-    actions: np.ndarray
-    offsets: np.ndarray
-    first_costs: np.ndarray
-    last_costs: np.ndarray
-    exact: np.ndarray
-    targets: np.ndarray
-    wanted: np.ndarray
+    gains: np.ndarray
+    rewards: np.ndarray
+    marks: np.ndarray
+    mark_starts: np.ndarray
+    mark: float
+    join: float
 
 
 @njit(cache=True, nogil=True)
-def solve(last_piece, pieces, prices, joins, tables):
-    """Fill the tables of the pieces up to `last_piece`, backwards; those after it are filled already.
-
-    Given are the last row of `first_costs` or, where nothing follows, that of `last_costs`.
-    """
-    n_nodes = len(joins.successors)
-    # `entered` is one longer, so that [u + 1] exists; segment ends are masked by `leaving`.
-    ahead = np.full(n_nodes, np.inf)
-    here = np.full(n_nodes, np.inf)
-    entered = np.full(n_nodes + 1, np.inf)
-    leaving = prices.passing.copy()
-    for node in range(n_nodes):
-        if joins.successors[node] == node:
-            leaving[:, node] = np.inf
-    ending = np.empty(n_nodes)
-    for piece in range(last_piece, -1, -1):
-        length = pieces.lengths[piece]
-        if piece < len(pieces.starts) - 1 or pieces.followed:
-            _bound_joins(piece, pieces, prices, joins, tables)
-        for node in range(n_nodes):
-            ending[node] = pieces.end_prices[pieces.rules[piece], node] + tables.last_costs[piece, node]
-        state_ahead = 0
-        for k in range(pieces.longest[piece] - 1, -1, -1):
-            state = pieces.states[pieces.starts[piece] + min(k, length - 1)]
-            place = tables.offsets[piece] + k * n_nodes
-            chosen = tables.actions[place : place + n_nodes]
-            misfit = prices.misfit * abs(1.0 - (k + 1) / length) if k + 1 >= pieces.shortest[piece] else np.inf
-            if k == pieces.longest[piece] - 1:
-                for node in range(n_nodes):
-                    here[node] = misfit + ending[node] + prices.shown[state, node]
-                    chosen[node] = END
-            else:
-                _step(here, ahead, entered, chosen, misfit, ending, leaving[state], prices.holding[state_ahead])
-                for node in joins.with_edges:
-                    first = joins.edge_starts[node]
-                    for edge in range(first, joins.edge_starts[node + 1]):
-                        cost = prices.passing[state, node] + joins.edge_costs[edge] + entered[joins.edge_nodes[edge]]
-                        if cost < here[node]:
-                            here[node] = cost
-                            chosen[node] = EDGE + edge - first
-                for node in range(n_nodes):
-                    here[node] += prices.shown[state, node]
-            here, ahead = ahead, here
-            for node in range(n_nodes):
-                entered[node] = ahead[node] + prices.entering[node]
-            state_ahead = state
-        tables.first_costs[piece] = entered[:n_nodes]
+def _frame_costs(frame, prices, costs, earned):
+    """What it costs to come to each node in a frame, and what of that is earned by the way, both [shape=(N,)]."""
+    costs[:] = prices.shown[prices.states[frame]]
+    earned[:] = 0.0
+    for row in range(len(prices.gains)):
+        gain = prices.gains[row, frame]
+        if gain != 0.0:
+            for node in range(len(costs)):
+                earned[node] += gain * prices.rewards[row, node]
+    costs -= earned
+    for k in range(prices.mark_starts[frame], prices.mark_starts[frame + 1]):
+        for node in range(prices.marks[k, 1], prices.marks[k, 2]):
+            costs[node] += prices.mark
 
 
 @njit(cache=True, nogil=True)
-def _step(here, ahead, entered, chosen, misfit, ending, leaving, holding):
-    """Of the end, the natural edge and the hold edge the cheapest, for every node."""
-    for node in range(len(chosen)):
-        best = misfit + ending[node]
-        action = END
-        cost = leaving[node] + entered[node + 1]
-        if cost < best:
-            best = cost
-            action = NATURAL
-        cost = holding[node] + ahead[node]
-        if cost < best:
-            best = cost
-            action = HOLD
-        here[node] = best
-        chosen[node] = action
+def solve(first_frame, last_frame, after, min_stay, prices, joins, actions, entered):
+    """Fill `actions` for the frames [first_frame, last_frame): how a path that may do as it likes goes on from each node.
 
-
-@njit(cache=True, nogil=True)
-def _bound_joins(piece, pieces, prices, joins, tables):
-    """What remains to be paid after each node as a last one: exact after stop nodes, else a lower bound.
-
-    The cheapest join from a pose to any first node changes no faster than the pose does, because the join
-    cost is a metric: that bounds it from the nearest stop node's. Where a path needs more, `wanted` says so.
+    after : the node that is shown in `last_frame`, or -1 for the end of the speech
+    min_stay : how many frames a stay plays on before it may do as it likes
+    actions : int32 [shape=(>= frames, N)]; entered : [shape=(N,)], filled with the costs of stays that begin in the first frame
     """
-    first_costs, after, exact = tables.first_costs[piece + 1], tables.last_costs[piece], tables.exact[piece]
-    targets, wanted = tables.targets[piece], tables.wanted[piece]
-    n_nodes = len(joins.successors)
-    least = first_costs.min()
-    # Where a piece may end anywhere every node is a likely end that is in the state of the test speech there.
-    anywhere = pieces.open_rules[pieces.rules[piece]]
-    state = pieces.states[pieces.starts[piece] + pieces.lengths[piece] - 1]
-    n_stops = len(joins.stops)
-    froms = np.empty(n_stops + n_nodes, dtype=np.int64)
-    froms[:n_stops] = joins.stops
-    later = np.empty(n_nodes, dtype=np.int64)
-    n_later = 0
-    for node in range(n_nodes):
-        likely = anywhere and prices.shown[state, node] <= prices.least_shown[node]
-        if joins.successors[node] == node or wanted[node] or likely:
-            later[n_later] = node
-            froms[n_stops + n_later] = joins.successors[node]
-            n_later += 1
-    best, to = _cheapest(froms[: n_stops + n_later], joins.stop_costs, first_costs, least, joins)
-    for node in range(n_nodes):
-        ahead = joins.successors[node]
-        anchor, way = joins.anchors[ahead], joins.anchor_costs[ahead]
-        if way == 0.0:
-            after[node], targets[node], exact[node] = best[anchor], to[anchor], True
-            continue
-        bound = max(best[anchor] - way, least + joins.nearest_costs[ahead])
-        known, where = first_costs[ahead], ahead
-        if anywhere:
-            known, where, open_ = _cheapest_near(ahead, first_costs, least, joins)
-            beyond = joins.near_costs[ahead, -1] + least if open_ else np.inf
-            bound = max(bound, beyond)
-        if bound >= known:
-            after[node], targets[node], exact[node] = known, where, True
+    n_nodes, depth = len(joins.successors), min_stay + 1
+    # Of the last `depth` frames: the costs along natural successors, and what remains after a node.
+    sums = np.zeros((depth, n_nodes + 1))
+    remains = np.full((depth, n_nodes + 1), np.inf)
+    costs, earned = np.empty(n_nodes), np.zeros(n_nodes)
+    free = np.full(n_nodes + 1, np.inf)  # of a path that may do as it likes in the frame ahead
+    targets = np.empty(MOST_TARGETS + 1, dtype=np.int64)
+    n_targets = 0
+    for frame in range(last_frame - 1, first_frame - 1, -1):
+        here, ahead = frame % depth, (frame + 1) % depth
+        rest = remains[here]
+        if frame == last_frame - 1:
+            if after >= 0:
+                _frame_costs(last_frame, prices, costs, earned)
+            _finish(rest, after, earned, prices, joins, actions[frame - first_frame], frame)
         else:
-            after[node], targets[node], exact[node] = bound, -1, False
-    holding = prices.holding[pieces.states[pieces.starts[piece] + pieces.lengths[piece]]]
-    for k in range(n_later):
-        node, place = later[k], n_stops + k
-        cost, target = best[place], to[place]
-        if joins.successors[node] == node:
-            # A segment's last node has no successor: to start there again is to hold it.
-            cost, target = _after_segment(node, cost, target, first_costs, least, holding, joins)
-        after[node], targets[node], exact[node] = cost, target, True
+            # What is held earns nothing.
+            holding = prices.holding[prices.states[frame + 1]] + earned
+            chosen = actions[frame - first_frame]
+            n_targets = _continue(rest, free, holding, entered, prices.join, joins, chosen, targets, n_targets)
+        _frame_costs(frame, prices, costs, earned)
+        for node in range(n_nodes):
+            free[node] = costs[node] + rest[node]
+            sums[here, node] = costs[node]
+            if joins.left[node] > 1 and frame < last_frame - 1:
+                sums[here, node] += sums[ahead, node + 1]
+        _enter(frame, last_frame, after, min_stay, joins, sums, remains, entered)
 
 
 @njit(cache=True, nogil=True)
-def _after_segment(node, best, to, first_costs, least, holding, joins):
-    """The cheapest join after a segment's last node, which is its own successor."""
-    if to == node:
-        without = first_costs.copy()
-        without[node] = np.inf
-        others, where = _cheapest(np.array([node]), joins.stop_costs[:0], without, least, joins)
-        best, to = others[0], where[0]
-    held = holding[node] + first_costs[node]
-    if held < best:
-        return held, node
-    return best, to
+def _enter(frame, last_frame, after, min_stay, joins, sums, remains, entered):
+    """What a stay costs that begins at each node: its shortest length, then what remains."""
+    depth = len(sums)
+    left_in_window = last_frame - frame
+    for node in range(len(entered)):
+        length = min(min_stay, joins.left[node], left_in_window)
+        last = frame + length - 1
+        cost = sums[frame % depth, node]
+        if length < joins.left[node] and length < left_in_window:
+            cost -= sums[(last + 1) % depth, node + length]
+        end = node + length - 1
+        if length < min(min_stay, joins.left[node]) and after >= 0:
+            # Cut by the window: only what goes on naturally is long enough.
+            if joins.successors[end] != after:
+                cost = np.inf
+        else:
+            cost += remains[last % depth, end]
+        entered[node] = cost
 
 
 @njit(cache=True, nogil=True)
-def _cheapest_near(ahead, first_costs, least, joins):
-    """The cheapest node to join to among `ahead` and its nearest, its place, and whether others may be cheaper."""
-    n_nodes, n_near = joins.near_nodes.shape
-    cheapest, where = first_costs[ahead], np.int64(ahead)
-    for k in range(n_near):
-        way = joins.near_costs[ahead, k]
-        if way + least >= cheapest:
-            return cheapest, where, False
-        other = joins.near_nodes[ahead, k]
-        if way + first_costs[other] < cheapest:
-            cheapest, where = way + first_costs[other], np.int64(other)
-    open_ = n_near < n_nodes - 1 and joins.near_costs[ahead, n_near - 1] + least < cheapest
-    return cheapest, where, open_
+def _finish(rest, after, earned, prices, joins, chosen, frame):
+    """What remains after the last frame of a window.
 
-
-@njit(cache=True, nogil=True)
-def _cheapest(froms, bounds, first_costs, least, joins):
-    """For each of `froms` the cost of the cheapest join from it, and the node it leads to.
-
-    bounds : float32 [shape=(K, N)], lower bounds of the join costs from the first K of them
-
-    The nearest nodes come from the index. Where they leave it open whether a node beyond them is cheaper, the
-    few nodes that could be are looked at, in order of their own cost, by the bounds or by their sketches first.
+    earned : [shape=(N,)], by the way in the frame that follows
     """
-    n_near = joins.near_nodes.shape[1]
-    count = len(froms)
-    best = np.empty(count)
-    to = np.empty(count, dtype=np.int64)
-    unsure = np.empty(count, dtype=np.int64)
-    n_unsure = 0
-    limit = -np.inf
-    for place in range(count):
-        before = to[place - 1] if place and place >= len(bounds) else -1
-        best[place], to[place], open_ = _good(froms[place], before, first_costs, least, joins)
-        if open_:
-            unsure[n_unsure] = place
-            n_unsure += 1
-            limit = max(limit, best[place] - joins.near_costs[froms[place], n_near - 1])
-    if n_unsure == 0:
-        return best, to
-    cheap, bands = _candidates(first_costs, least, limit, joins)
-    chunks = _side_by_side(cheap if unsure[n_unsure - 1] >= len(bounds) else cheap[:0], joins)
-    apart, low = np.empty(_CHUNK, dtype=np.float32), np.empty(_CHUNK, dtype=np.float32)
-    for row in range(n_unsure):
-        place = unsure[row]
-        ahead = froms[place]
-        beyond = joins.near_costs[ahead, n_near - 1]
-        cheapest, where = best[place], to[place]
-        for first in range(0, len(cheap), _CHUNK):
-            if bands[first] + beyond >= cheapest:
-                break
-            count = min(first + _CHUNK, len(cheap)) - first
-            if place < len(bounds):
-                for k in range(count):
-                    low[k] = bounds[place, cheap[first + k]]
-            else:
-                _sketch_costs(joins.sketch[ahead], chunks[first // _CHUNK], joins.sketch_weights, low, apart)
-            for k in range(count):
-                other = cheap[first + k]
-                # Beyond the range of single precision a sketch says nothing.
-                way = max(low[k] - joins.slack, beyond) if low[k] < np.inf else beyond
-                if first_costs[other] + way < cheapest and other != ahead:
-                    cheapest, where = _cheaper(ahead, other, cheapest, where, first_costs, joins)
-        best[place], to[place] = cheapest, where
-    return best, to
+    for node in range(len(chosen)):
+        rest[node], chosen[node] = 0.0, NATURAL
+        if after < 0 or (joins.successors[node] == after and joins.left[node] > 1):
+            continue
+        if node == after:
+            rest[node], chosen[node] = prices.holding[prices.states[frame + 1], node] + earned[node], HOLD
+        elif joins.segments[node] == joins.segments[after] and abs(after - node - 1) <= joins.stutter:
+            rest[node] = np.inf
+        else:
+            rest[node], chosen[node] = prices.join + join_cost(joins.successors[node], after, joins), after
 
 
 @njit(cache=True, nogil=True)
-def _cheaper(ahead, other, best, to, first_costs, joins):
-    cost = first_costs[other] + _way(ahead, other, joins)
-    if cost < best:
-        return cost, np.int64(other)
-    return best, to
+def _continue(rest, free, holding, entered, price, joins, chosen, targets, n_targets):
+    """The cheapest of the natural successor, a hold and a join, for every node.
 
-
-@njit(cache=True, nogil=True)
-def _good(ahead, other, first_costs, least, joins):
-    """A cheap node to join to from `ahead`, what it costs, and whether one beyond the nearest may be cheaper.
-
-    other : where the join from a pose before leads: the way is likely much the same; -1 for none
+    Joins to the targets of the frame ahead are tried first, since what is worth joining to there has a forerunner that
+    likely is here. What else may be cheaper is found block by block: no pose of one block of nodes is nearer to one
+    of another than the blocks are.
     """
-    n_near = joins.near_nodes.shape[1]
-    best, to, open_ = _cheapest_near(ahead, first_costs, least, joins)
-    if not open_ or other < 0:
-        return best, to, open_
-    for node in (other, joins.successors[other]):
-        if node != ahead:
-            best, to = _cheaper(ahead, node, best, to, first_costs, joins)
-    return best, to, joins.near_costs[ahead, n_near - 1] + least < best
+    for node in range(len(chosen)):
+        natural = free[node + 1] if joins.left[node] > 1 else np.inf
+        held = holding[node] + free[node]
+        if natural <= held:
+            rest[node], chosen[node] = natural, NATURAL
+        else:
+            rest[node], chosen[node] = held, HOLD
+    # What a join from each gate may cost at most, and the cheapest one.
+    n_gates, n_blocks = len(joins.gates), len(joins.blocks)
+    room = np.full(n_blocks * BLOCK, -np.inf, dtype=np.float32)
+    costs = np.full(n_blocks * BLOCK, np.inf, dtype=np.float32)
+    for gate in range(n_gates):
+        room[gate] = rest[joins.gates[gate]] - price
+        costs[gate] = entered[joins.gates[gate]]
+    to = np.full(n_blocks * BLOCK, -1, dtype=np.int32)
+    targets[n_targets] = np.argmin(costs) + joins.shift
+    for k in range(n_targets, -1, -1):
+        target = targets[k] - joins.shift
+        if target >= 0:
+            _try(target, costs[target], joins.matrix, 0, n_gates, room, to)
+    least, most = np.empty(n_blocks, dtype=np.float32), np.empty(n_blocks, dtype=np.float32)
+    for block in range(n_blocks):
+        least[block], most[block] = np.inf, -np.inf
+        for gate in range(block * BLOCK, (block + 1) * BLOCK):
+            least[block], most[block] = min(least[block], costs[gate]), max(most[block], room[gate])
+    for other in range(n_blocks):
+        for block in range(n_blocks):
+            if least[other] + joins.blocks[other, block] < most[block]:
+                first, last = block * BLOCK, min((block + 1) * BLOCK, n_gates)
+                for target in range(other * BLOCK, min((other + 1) * BLOCK, n_gates)):
+                    if costs[target] + joins.rows[target, block] < most[block]:
+                        _try(target, costs[target], joins.matrix, first, last, room, to)
+    is_target = np.zeros(n_gates, dtype=np.bool_)
+    n_targets = 0
+    for gate in range(n_gates):
+        target = to[gate]
+        if target < 0:
+            continue
+        node = joins.gates[gate]
+        cost = price + entered[joins.gates[target]] + joins.matrix[target, gate]
+        if cost < rest[node]:
+            rest[node], chosen[node] = cost, joins.gates[target]
+            if not is_target[target] and n_targets < MOST_TARGETS:
+                is_target[target] = True
+                targets[n_targets] = target
+                n_targets += 1
+    return n_targets
 
 
 @njit(cache=True, nogil=True)
-def _way(node, other, joins):
+def join_cost(node, other, joins):
+    """What a join costs beside its price, where `node` would have come next and `other` comes."""
     return distance(
         joins.poses[node], joins.poses[other], joins.velocities[node], joins.velocities[other],
         joins.by_pose, joins.by_velocity,
@@ -345,117 +222,27 @@ def _way(node, other, joins):
 
 
 @njit(cache=True, nogil=True)
-def _side_by_side(nodes, joins):
-    """The sketches of some nodes in chunks [shape=(C, 2, M, _CHUNK)], so that they are compared many at a time."""
-    n_terms = joins.sketch.shape[2]
-    chunks = np.zeros(((len(nodes) + _CHUNK - 1) // _CHUNK, 2, n_terms, _CHUNK), dtype=np.float32)
-    for k in range(len(nodes)):
-        for side in range(2):
-            for term in range(n_terms):
-                chunks[k // _CHUNK, side, term, k % _CHUNK] = joins.sketch[nodes[k], side, term]
-    return chunks
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _sketch_costs(sketch, chunk, weights, low, apart):
-    """Join costs `low` [shape=(_CHUNK,)] from one sketch [shape=(2, M)] to those of a chunk [shape=(2, M, _CHUNK)]."""
-    low[:] = 0.0
-    for side in range(2):
-        weight = np.float32(weights[side])
-        apart[:] = 0.0
-        for term in range(chunk.shape[1]):
-            own = sketch[side, term]
-            for k in range(_CHUNK):
-                step = chunk[side, term, k] - own
-                apart[k] += step * step
-        for k in range(_CHUNK):
-            low[k] += weight * np.sqrt(apart[k])
+def _try(target, cost, matrix, first, last, room, to):
+    """Join to one gate from the gates [first, last), where that is cheaper than what is known."""
+    for gate in range(first, last):
+        if cost + matrix[target, gate] < room[gate]:
+            room[gate] = cost + matrix[target, gate]
+            to[gate] = target
 
 
 @njit(cache=True, nogil=True)
-def _candidates(first_costs, least, limit, joins):
-    """The nodes worth joining to for less than `limit`, roughly by cost, and a lower bound of each one's cost.
+def follow(node, age, first_frame, last_frame, min_stay, joins, actions):
+    """The best path from a node in a frame on `[shape=(last_frame - first_frame,)]`.
 
-    Left out are those that cost at least as much as one near them and the way there: because the join cost is a
-    metric, it is cheaper to join to that one at once, wherever one comes from.
+    age : for how many frames the node's stay has lasted, this one included
     """
-    kept = np.empty(len(first_costs), dtype=np.int64)
-    count = 0
-    dearest = least
-    for node in range(len(first_costs)):
-        cost = first_costs[node]
-        if cost < limit and cost < np.inf and not _is_dominated(node, first_costs, least, joins):
-            kept[count] = node
-            count += 1
-            dearest = max(dearest, cost)
-    # Sorted into bands of cost, which is faster than to sort.
-    width = max((dearest - least) / _BANDS, 1e-300)
-    ends = np.zeros(_BANDS + 1, dtype=np.int64)
-    for k in range(count):
-        ends[1 + min(int((first_costs[kept[k]] - least) / width), _BANDS - 1)] += 1
-    ends = np.cumsum(ends)
-    nodes = np.empty(count, dtype=np.int64)
-    bounds = np.empty(count)
-    for k in range(count):
-        band = min(int((first_costs[kept[k]] - least) / width), _BANDS - 1)
-        nodes[ends[band]] = kept[k]
-        bounds[ends[band]] = least + max(band - 1, 0) * width  # one lower, whatever the rounding
-        ends[band] += 1
-    return nodes, bounds
-
-
-@njit(cache=True, nogil=True)
-def _is_dominated(node, first_costs, least, joins):
-    cost = first_costs[node]
-    for k in range(joins.near_nodes.shape[1]):
-        way = joins.near_costs[node, k]
-        if way + least >= cost:
-            return False
-        # Strictly, so that of two at one place one remains.
-        if first_costs[joins.near_nodes[node, k]] + way < cost:
-            return True
-    return False
-
-
-@njit(cache=True, nogil=True)
-def first_node(before, holding, first_costs, joins):
-    """The cheapest first node after a path that ends in `before`, or at all for -1.
-
-    holding : [shape=(N,)], prices of holding a node at the first frame
-    """
-    if before < 0:
-        return np.int64(np.argmin(first_costs))
-    ahead = joins.successors[before]
-    least = first_costs.min()
-    best, to = _cheapest(np.array([ahead]), joins.stop_costs[:0], first_costs, least, joins)
-    cost, node = best[0], to[0]
-    if ahead == before:
-        _, node = _after_segment(before, cost, node, first_costs, least, holding, joins)
-    return node
-
-
-@njit(cache=True, nogil=True)
-def follow(first_node, pieces, joins, tables):
-    """The best path: its nodes, the number of nodes of each piece, and the piece after which it is open, or -1."""
-    n_nodes, n_pieces = len(joins.successors), len(pieces.starts)
-    nodes = np.empty(np.sum(pieces.longest), dtype=np.int64)
-    counts = np.zeros(n_pieces, dtype=np.int64)
-    node, total = first_node, 0
-    for piece in range(n_pieces):
-        place = tables.offsets[piece]
-        while True:
-            nodes[total] = node
-            total += 1
-            counts[piece] += 1
-            action = tables.actions[place + node]
-            place += n_nodes
-            if action == END:
-                break
-            if action == NATURAL:
-                node += 1
-            elif action >= EDGE:
-                node = joins.edge_nodes[joins.edge_starts[node] + action - EDGE]
-        if not tables.exact[piece, node]:
-            return nodes[:total], counts, piece
-        node = tables.targets[piece, node]
-    return nodes[:total], counts, -1
+    nodes = np.empty(last_frame - first_frame, dtype=np.int64)
+    for place in range(len(nodes)):
+        nodes[place] = node
+        action = NATURAL if age < min_stay and joins.left[node] > 1 else actions[place, node]
+        age += 1
+        if action == NATURAL:
+            node = joins.successors[node]
+        elif action >= 0:
+            node, age = np.int64(action), 1
+    return nodes

@@ -1,41 +1,40 @@
-"""Optimal search for the whole test speech at once, beyond the paper.
+"""The optimal search for the whole test speech at once, beyond the paper.
 
-The cheapest path by the objective (`objective.py`) over all pieces, lengths and nodes, by dynamic programming
-from the end. It never fails: every node may be held, and a piece may end anywhere for a price. Exact without
-repetition; repeated frames are then priced by how often the rest of the path shows them, a window of pieces
-at a time, each window solved exactly and kept where the objective falls.
+A path names one node per frame of the speech; between joins it stays in the recording at its own pace. Onsets,
+keywords and phrases of the speech are rewards where the recording answers them, a join has a fixed price and the
+distance between its poses, and a stay has a shortest length. The cheapest path is found by dynamic programming over
+frames and nodes, exactly (in large
+graphs among every k-th node for joins) but for what is shown again: windows of the path are solved again with a price on what the
+rest of it shows, and kept where the objective (`objective.py`) falls. It never fails: every node may be held.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 
-from gesturegen.config import Config, Continuity, GlobalSearch
-from gesturegen.graph import neighbours
+from gesturegen.clips import Speech
+from gesturegen.config import Config, Continuity
 from gesturegen.graph.motion_graph import MotionGraph
+from gesturegen.keynodes import BREAK
+from gesturegen.keynodes import speaking as speaking_of
+from gesturegen.runs import runs
 from gesturegen.search import _global_kernels as kernels
-from gesturegen.search import objective
-from gesturegen.search.beam import ratio_lengths
-from gesturegen.search.objective import PriceList
-from gesturegen.search.path import CUT, Piece, Target
+from gesturegen.search import objective, rewards
+from gesturegen.search.objective import NEAR_NODES, PriceList
+from gesturegen.search.path import JOIN, Piece, Target
 
-# Pieces that are solved again together; every other sweep starts half a window later.
-WINDOW = 8
-# 256 MB of lower bounds; beyond it nodes are compared by sketches.
-_MOST_STOP_COSTS = 1 << 26
-# Principal components that joins are compared by first.
-_SKETCH_TERMS = 12
-_ROUNDOFF = float(np.finfo(np.float32).eps)
+# In a graph of more nodes than this, joins lead from and to every second, third, ... node and segments' ends alone: the
+# costs of all joins take 256 MB at the most.
+MOST_GATES = 8192
 
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """The pieces found, and the objective by term: of the exact path without repetition, and of these pieces."""
+    """The stays of the path, and the objective by term: of the exact path without repetition, and of this one."""
 
     pieces: tuple[Piece, ...]
     first: dict[str, float]
@@ -43,243 +42,202 @@ class Result:
 
 
 def search(
-    graph: MotionGraph, targets: Sequence[Target], speaking: np.ndarray, config: Config, used: np.ndarray | None = None,
+    graph: MotionGraph, speech: Speech, config: Config, used: np.ndarray | None = None,
     control: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
 ) -> Result:  # fmt: skip
-    """The cheapest pieces for all of `targets`.
+    """The cheapest path for a speech.
 
-    speaking : bool `[shape=(n_frames,)]`, False in the test speech's pauses
     used : `[shape=(N,)]`, a price of every frame that shows the node, for what other variants show already
     control : for each frame the number of the set of demands that holds there `[shape=(n_frames,)]`, and for each set
-        the price of a frame that shows the node, and what a frame that holds it costs more `[shape=(S, N)]`
+        the price of a frame that shows the node, and what a frame that holds it costs more `[shape=(D, N)]`
     """
-    settings = config.global_search
-    targets = cut_long(targets, settings.max_piece_seconds * graph.fps)
-    used = np.zeros(graph.n_nodes) if used is None else used
-    states, controlled = speaking.astype(np.int64), (None, None)
-    if control is not None:
-        states, controlled = states + 2 * control[0], control[1:]
-    problem = _Problem(graph, targets, states, config, used, controlled)
-    found = problem.solve(np.zeros(graph.n_nodes))
-    first = objective.total(found, problem.prices, states)
-    if settings.lambda_repeat > 0:
-        for sweep in range(settings.sweeps):
-            found = problem.sweep(found, WINDOW // 2 * (sweep % 2))
+    prices = price_list(graph, speech, config, used, control)
+    problem = Problem(prices, speech.n_frames)
+    nodes = problem.solve()
+    first = objective.total(nodes, prices)
+    if config.global_search.lambda_repeat > 0:
+        for stays in range(1, config.global_search.sweeps + 1):
+            nodes = problem.sweep(nodes, stays)
     if control is None:  # frames of a rest are as good as one another, unless somebody says otherwise
-        found = [_spread_rests(piece, graph, speaking) for piece in found]
-    costs = objective.terms(found, problem.prices, states)
-    rows = [{name: float(values[k]) for name, values in costs.items() if values[k]} for k in range(len(found))]
-    described = tuple(
-        replace(piece, cost=sum(row.values()), fallback=_relaxation(row), costs=row)
-        for piece, row in zip(found, rows, strict=True)
-    )
-    return Result(described, first, objective.total(found, problem.prices, states))
+        nodes = spread_rests(nodes, prices)
+    return Result(_stays(nodes, prices), first, objective.total(nodes, prices))
 
 
-def cut_long(targets: Sequence[Target], max_frames: float) -> list[Target]:
-    """Targets of over `max_frames` cut into equal parts, all but the last of which may end anywhere."""
-    parts = []
-    for target in targets:
-        count = min(int(np.ceil(target.length / max_frames - 1e-9)), target.length)
-        bounds = [target.start_frame + round(k * target.length / count) for k in range(count + 1)]
-        parts += [Target(start, end, CUT) for start, end in pairwise(bounds[:-1])]
-        parts.append(Target(bounds[-2], bounds[-1], target.end_kind, target.keyword))
-    return parts
+def price_list(
+    graph: MotionGraph, speech: Speech, config: Config, used: np.ndarray | None = None,
+    control: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+) -> PriceList:  # fmt: skip
+    """The prices of a graph's nodes for a speech; the arguments are those of `search`."""
+    return PriceList(
+        graph, config, speaking_of(speech, config.pauses), rewards.find(graph, speech, config),
+        np.zeros(graph.n_nodes) if used is None else used, *(control or ()),
+    )  # fmt: skip
 
 
-def lengths(target: int, settings: GlobalSearch) -> tuple[int, int]:
-    """The fewest and the most nodes for a piece of `target` frames."""
-    shortest, longest = ratio_lengths(target, settings.min_ratio, settings.max_ratio)
-    return max(1, min(shortest, target - settings.slack_frames)), max(longest, target + settings.slack_frames)
+def _stays(nodes: np.ndarray, prices: PriceList) -> tuple[Piece, ...]:
+    """The path cut at its joins, each stay with its costs by term; the join into a stay counts with it."""
+    costs = objective.terms(nodes, prices)
+    starts = np.append(0, np.flatnonzero(objective.joined(nodes, prices.graph)))
+    ends = np.append(starts[1:], len(nodes))
+    pieces = []
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        row = {name: float(values[start:end].sum()) for name, values in costs.items() if values[start:end].any()}
+        target = Target(start, end, JOIN if end < len(nodes) else BREAK)
+        pieces.append(Piece(target, nodes[start:end], sum(row.values()), costs=row))
+    return tuple(pieces)
 
 
-def _relaxation(row: dict[str, float]) -> str | None:
-    """The gravest thing that had to give way in a piece."""
-    return next(
-        (name for name, term in (("end", "end"), ("keyword", "keyword"), ("hold", "held")) if term in row), None
-    )
+def spread_rests(nodes: np.ndarray, prices: PriceList) -> np.ndarray:
+    """Draw rests out evenly: where frames of a pause are held, all nodes of that rest share them.
 
-
-def _spread_rests(piece: Piece, graph: MotionGraph, speaking: np.ndarray) -> Piece:
-    """Draw a rest out evenly: where frames of a pause are held, all its nodes share them.
-
-    It costs the same, and is slow motion in place of a stop.
+    nodes : `[shape=(T,)]`, of the path. It is slow motion in place of a stop, and costs the same but for what a frame or
+    two beside an onset earns.
     """
-    nodes, target = piece.nodes.copy(), piece.target
-    states = speaking[target.start_frame + np.minimum(np.arange(len(nodes)), target.length - 1)]
-    resting = ~states & ~graph.speaking[nodes]
-    onwards = (nodes[1:] == nodes[:-1]) | (nodes[1:] == graph.successors[nodes[:-1]])
-    run_ends = np.flatnonzero(~(resting[1:] & resting[:-1] & onwards))
-    for first, last in pairwise([-1, *run_ends.tolist(), len(nodes) - 1]):
-        run = slice(first + 1, last + 1)
-        steps = nodes[last] - nodes[first + 1]
-        if 0 < steps < last - first - 1:
-            nodes[run] = nodes[first + 1] + np.round(np.linspace(0, steps, last - first)).astype(int)
-    return replace(piece, nodes=nodes)
+    graph, spread = prices.graph, nodes.copy()
+    resting = ~np.asarray(prices.speaking) & ~graph.speaking[nodes]
+    joins = objective.joined(nodes, graph)
+    for start, end in runs(resting).tolist():
+        cuts = [start, *(start + 1 + np.flatnonzero(joins[start + 1 : end])).tolist(), end]
+        for first, last in pairwise(cuts):
+            steps = nodes[last - 1] - nodes[first]
+            if 0 < steps < last - first - 1:
+                spread[first:last] = nodes[first] + np.round(np.linspace(0, steps, last - first)).astype(int)
+    return spread
 
 
-class _Problem:
-    """One graph, one speech: the arrays of the dynamic program, for all pieces or for a window of them."""
+class Problem:
+    """One graph, one speech: the arrays of the dynamic program, for the whole path or for a window of it."""
 
-    def __init__(
-        self, graph: MotionGraph, targets: Sequence[Target], states: np.ndarray, config: Config, used: np.ndarray,
-        controlled: tuple[np.ndarray | None, np.ndarray | None] = (None, None),
-    ):  # fmt: skip
-        self.graph, self.targets, self.used = graph, targets, used
-        self.settings, self.states = config.global_search, states.astype(np.int64)
-        self.prices = PriceList(graph, config.global_search, config.continuity, *controlled)
-        self.holding = self.prices.holding + self.prices.control_held
-        self.joins = _joins(graph, config.global_search, config.continuity)
-        rules = {(target.end_kind == CUT, target.keyword): target for target in targets}
-        keys = sorted(rules)
-        bounds = np.array([lengths(target.length, self.settings) for target in targets])
-        self.all_pieces = kernels.Pieces(
-            starts=np.array([target.start_frame for target in targets]),
-            lengths=np.array([target.length for target in targets]),
-            shortest=np.ascontiguousarray(bounds[:, 0]),
-            longest=np.ascontiguousarray(bounds[:, 1]),
-            rules=np.array([keys.index((target.end_kind == CUT, target.keyword)) for target in targets]),
-            end_prices=np.array([np.add(*self.prices.end_prices(rules[key])) for key in keys]),
-            open_rules=np.array([cut for cut, _ in keys]),
-            states=self.states,
-            followed=False,
-        )
-        most_actions = kernels.EDGE + int(np.diff(self.joins.edge_starts).max(initial=0))
-        size = int(bounds[:, 1].sum()) * graph.n_nodes
-        self.actions = np.empty(size, dtype=np.uint8 if most_actions <= 256 else np.uint16)
+    def __init__(self, prices: PriceList, n_frames: int):
+        self.prices, self.n_frames = prices, n_frames
+        self.settings = prices.config.global_search
+        graph = prices.graph
+        self.min_stay = max(1, round(self.settings.min_stay_seconds * graph.fps))
+        stutter = round(self.settings.stutter_seconds * graph.fps)
+        self.joins = joins_of(graph, self.settings.lambda_join, stutter, prices.config.continuity)
+        # Rewards of the same gain count as one.
+        gains: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        for reward in prices.rewards:
+            gain, worth = gains.get(id(reward.gain), (reward.gain, 0.0))
+            gains[id(reward.gain)] = gain, worth + reward.worth
+        self.gains = np.array([gain for gain, _ in gains.values()]).reshape(-1, n_frames)
+        self.worths = np.array([worth for _, worth in gains.values()]).reshape(-1, graph.n_nodes)
+        self.actions = np.empty((n_frames, graph.n_nodes), dtype=np.int32)
+        self.entered = np.empty(graph.n_nodes)
+
+    def _kernel_prices(self, marks: np.ndarray) -> kernels.Prices:
+        return kernels.Prices(
+            states=self.prices.states, shown=self.prices.shown, holding=self.prices.holding,
+            gains=self.gains, rewards=self.worths, marks=marks,
+            mark_starts=np.searchsorted(marks[:, 0], np.arange(self.n_frames + 1)),
+            mark=float(self.settings.lambda_repeat), join=float(self.settings.join_price),
+        )  # fmt: skip
 
     def solve(
-        self, entering: np.ndarray, first: int = 0, last: int | None = None, before: int = -1, after: int = -1
-    ) -> list[Piece]:
-        """The cheapest pieces for the targets [first, last).
+        self, first: int = 0, last: int | None = None, before: int = -1, after: int = -1,
+        marks: np.ndarray | None = None,
+    ) -> np.ndarray:  # fmt: skip
+        """The cheapest nodes `[shape=(last - first,)]` for the frames [first, last).
 
-        entering : `[shape=(N,)]`, price of coming to each node, once in a piece that holds it
-        before, after : the node that is shown before them and the one after them; -1 for none
+        before, after : the nodes that are shown before and after them, the first at the end of a stay that is long
+            enough; -1 for none
+        marks : frames and ranges of nodes that cost `lambda_repeat` more (`_global_kernels.Prices`)
         """
-        n_nodes, window = self.graph.n_nodes, slice(first, last)
-        pieces = self.all_pieces._replace(
-            **{name: getattr(self.all_pieces, name)[window] for name in kernels.PER_PIECE}, followed=after >= 0
-        )
-        shown = self.prices.shown + self.prices.control + self.used
-        prices = kernels.Prices(
-            shown, shown.min(axis=0), self.prices.passing, self.holding, entering, self.settings.lambda_len
-        )
-        shape = (len(pieces.starts), n_nodes)
-        tables = kernels.Tables(
-            actions=self.actions,
-            offsets=np.append(0, np.cumsum(pieces.longest[:-1])) * n_nodes,
-            first_costs=np.full((shape[0] + 1, n_nodes), np.inf),
-            last_costs=np.zeros(shape),
-            exact=np.ones(shape, dtype=bool),
-            targets=np.zeros(shape, dtype=np.int32),
-            wanted=np.zeros(shape, dtype=bool),
-        )
-        if after >= 0:
-            tables.first_costs[-1, after] = 0.0
-        holding = self.holding[int(self.states[pieces.starts[0]])]
-        open_piece = shape[0] - 1
-        while open_piece >= 0:
-            kernels.solve(open_piece, pieces, prices, self.joins, tables)
-            start = kernels.first_node(before, holding, tables.first_costs[0], self.joins)
-            nodes, counts, open_piece = kernels.follow(start, pieces, self.joins, tables)
-            if open_piece >= 0:
-                # The path ends a piece where only a bound of what follows is known.
-                tables.wanted[open_piece] = True
-        parts = np.split(nodes, np.cumsum(counts)[:-1])
-        return [Piece(target, part, 0.0) for target, part in zip(self.targets[window], parts, strict=True)]
+        last = self.n_frames if last is None else last
+        begin = first - (before >= 0)  # the frame before chooses how the path goes on
+        prices = self._kernel_prices(np.zeros((0, 3), dtype=np.int64) if marks is None else marks)
+        kernels.solve(begin, last, after, self.min_stay, prices, self.joins, self.actions, self.entered)
+        node, age = (before, self.min_stay) if before >= 0 else (int(self.entered.argmin()), 1)
+        nodes = kernels.follow(node, age, begin, last, self.min_stay, self.joins, self.actions)
+        return nodes[first - begin :]
 
-    def sweep(self, pieces: list[Piece], offset: int) -> list[Piece]:
-        """Solve every window of pieces again, a node priced by how often the rest of the path comes to it."""
-        best = self._cost(pieces)
-        for first, last in pairwise(sorted({0, *range(offset, len(pieces), WINDOW), len(pieces)})):
-            head, tail = pieces[:first], pieces[last:]
-            elsewhere = objective.stays([*head, *tail], self.graph.n_nodes)
-            if not any(elsewhere[piece.nodes].any() for piece in pieces[first:last]):
-                continue  # nothing in it is shown twice
+    def sweep(self, nodes: np.ndarray, stays: int) -> np.ndarray:
+        """Solve windows of so many stays again, one after the other, with a price on what the rest of the path shows.
+
+        A window in which nothing is shown again is left as it is, and so is one whose new path costs no less.
+        """
+        best = objective.total(nodes, self.prices)["total"]
+        last = 0
+        while last < self.n_frames:
+            bounds = [0, *np.flatnonzero(objective.joined(nodes, self.prices.graph)).tolist(), self.n_frames]
+            place = int(np.searchsorted(bounds, last))
+            first, last = bounds[place], bounds[min(place + stays, len(bounds) - 1)]
+            again = objective.repeated(nodes, self.prices.graph, self.settings.repeat_seconds)
+            if last - first == self.n_frames or not again[first:last].any():
+                continue
             part = self.solve(
-                self.settings.lambda_repeat * elsewhere, first, last,
-                int(head[-1].nodes[-1]) if head else -1, int(tail[0].nodes[0]) if tail else -1,
+                first, last, int(nodes[first - 1]) if first else -1,
+                int(nodes[last]) if last < self.n_frames else -1, self._marks(nodes, first, last),
             )  # fmt: skip
-            other = [*head, *part, *tail]
-            cost = self._cost(other)
-            if cost < best:
-                pieces, best = other, cost
-        return pieces
+            other = np.concatenate([nodes[:first], part, nodes[last:]])
+            cost = objective.total(other, self.prices)["total"]
+            if cost < best and self._long_enough(other):
+                nodes, best = other, cost
+        return nodes
 
-    def _cost(self, pieces: Sequence[Piece]) -> float:
-        total = objective.total(pieces, self.prices, self.states)["total"]
-        return total + float(sum(self.used[piece.nodes].sum() for piece in pieces))
+    def _long_enough(self, nodes: np.ndarray) -> bool:
+        """Whether every stay is as long as it must be; what follows a window may have become shorter."""
+        starts = np.append(0, np.flatnonzero(objective.joined(nodes, self.prices.graph)))
+        lengths = np.diff(np.append(starts, len(nodes)))
+        least = np.minimum(self.min_stay, self.joins.left[nodes[starts]])
+        least = np.minimum(least, len(nodes) - starts)
+        return bool((lengths >= least).all())
+
+    def _marks(self, nodes: np.ndarray, first: int, last: int) -> np.ndarray:
+        """The ranges of nodes that the path outside [first, last) shows a short while before or after each frame."""
+        reach = int(np.ceil(self.settings.repeat_seconds * self.prices.graph.fps - 1e-9)) - 1
+        n_nodes = self.prices.graph.n_nodes
+        starts = [0, *np.flatnonzero(objective.joined(nodes, self.prices.graph)).tolist(), len(nodes)]
+        rows = []
+        for start, end in pairwise(starts):
+            if start < last and end > first:
+                continue  # in the window
+            for frame in range(max(first, start - reach), min(last, end + reach)):
+                shown = nodes[max(start, frame - reach) : min(end, frame + reach + 1)]
+                if len(shown):
+                    low, high = max(shown[0] - NEAR_NODES, 0), min(shown[-1] + NEAR_NODES + 1, n_nodes)
+                    rows.append((frame, low, high))
+        return np.array(sorted(rows), dtype=np.int64).reshape(-1, 3)
 
 
 @lru_cache(maxsize=1)
-def _joins(graph: MotionGraph, settings: GlobalSearch, metric: Continuity) -> kernels.Joins:
-    """What the kernels need of a graph; test clips that share it share this too."""
-    poses, velocities = graph.poses, graph.velocities
-    unnatural = ~graph.natural
-    lefts = np.repeat(np.arange(graph.n_nodes), np.diff(graph.indptr))[unnatural]
-    # Segments' last nodes, which are their own successors, are looked at one by one.
-    inner = graph.successors[graph.any_stop & (graph.successors != np.arange(graph.n_nodes))]
-    stops = np.unique(inner) if len(inner) else np.array([0])
-    anchors, anchor_costs = _nearest_stop(graph, stops, metric)
-    sketch, weights, slack = _sketch(poses, velocities, metric)
-    return kernels.Joins(
-        successors=graph.successors,
-        edge_starts=np.append(0, np.cumsum(np.bincount(lefts, minlength=graph.n_nodes))),
-        edge_nodes=graph.indices[unnatural].astype(np.int64),
-        edge_costs=settings.lambda_w * graph.weights[unnatural].astype(np.float64),
-        with_edges=np.unique(lefts),
-        near_nodes=graph.near_nodes,
-        near_costs=settings.lambda_join * graph.near_distances,
-        nearest_costs=settings.lambda_join
-        * np.append(graph.near_distances, np.zeros((graph.n_nodes, 1)), axis=1)[:, 0],
-        stops=stops,
-        stop_costs=_stop_costs(graph, stops, settings, metric),
-        anchors=anchors,
-        anchor_costs=settings.lambda_join * anchor_costs,
-        poses=poses,
-        velocities=velocities,
-        sketch=sketch,
-        sketch_weights=settings.lambda_join * weights,
-        by_pose=settings.lambda_join * metric.lambda_pos,
-        by_velocity=settings.lambda_join * metric.lambda_vel,
-        slack=settings.lambda_join * slack,
-    )
+def joins_of(graph: MotionGraph, lambda_join: float, stutter: int, metric: Continuity) -> kernels.Joins:
+    """What the kernels need of a graph; test clips that share it share this too.
 
-
-def _stop_costs(graph: MotionGraph, stops: np.ndarray, settings: GlobalSearch, metric: Continuity) -> np.ndarray:
-    if len(stops) * graph.n_nodes > _MOST_STOP_COSTS:
-        return np.empty((0, 0), dtype=np.float32)
-    low = neighbours.lower_bounds(graph.poses, graph.velocities, metric, stops)
-    return np.float32(settings.lambda_join * (1.0 - _ROUNDOFF)) * low
-
-
-def _sketch(poses: np.ndarray, velocities: np.ndarray, metric: Continuity) -> tuple[np.ndarray, np.ndarray, float]:
-    """Poses and velocities in their first principal components, float32 `[shape=(N, 2, M)]`, and their weights.
-
-    The weighted sum of the distances between two sketches is a lower bound of the pose distance, but for
-    rounding: that adds at most the third value.
+    stutter : no join may jump so few frames or less, back or ahead, within a segment
     """
-    terms = min(_SKETCH_TERMS, poses.shape[1])
-    sides, weights = [], []
-    for points, weight in ((poses, metric.lambda_pos), (velocities, metric.lambda_vel)):
-        centred = points - points.mean(axis=0)
-        # Squares of very small or large coordinates would leave float32's range.
-        scale = float(np.abs(centred).max()) or 1.0
-        centred = centred / scale
-        _, directions = np.linalg.eigh(centred.T @ centred)
-        sides.append(centred @ directions[:, ::-1][:, :terms])
-        weights.append(weight * scale)
-    # Every coordinate and sum is rounded a few times, relative to the largest distance there is.
-    reaches = [2.0 * float(np.sqrt((side**2).sum(axis=1).max())) for side in sides]
-    slack = float(np.dot(weights, reaches)) * (terms + 8) * _ROUNDOFF
-    return np.stack(sides, axis=1).astype(np.float32), np.array(weights), slack
+    nodes, ends = np.arange(graph.n_nodes), graph.segment_ends
+    step = -(-graph.n_nodes // MOST_GATES)
+    gates = np.union1d(nodes[::step], ends)  # where a segment ends a path must be able to leave it
+    segments = np.searchsorted(graph.segment_starts, nodes, side="right")
+    matrix = _matrix(graph, gates, lambda_join, metric)
+    for row, gate in enumerate(gates):
+        near = slice(*np.searchsorted(gates, (gate - 1 - stutter, gate + stutter)))
+        matrix[row, near][segments[gates[near]] == segments[gate]] = np.inf
+    matrix[graph.successors[gates] == gates[:, None]] = np.inf
+    np.fill_diagonal(matrix, np.inf)
+    firsts = np.arange(0, len(gates), kernels.BLOCK)
+    rows = np.minimum.reduceat(matrix, firsts, axis=1)
+    return kernels.Joins(
+        successors=graph.successors, left=ends[np.searchsorted(ends, nodes)] - nodes + 1, segments=segments,
+        stutter=stutter, gates=gates, shift=int(step == 1), matrix=matrix, rows=rows, blocks=np.minimum.reduceat(rows, firsts, axis=0),
+        poses=graph.poses, velocities=graph.velocities, by_pose=lambda_join * metric.lambda_pos,
+        by_velocity=lambda_join * metric.lambda_vel,
+    )  # fmt: skip
 
 
-def _nearest_stop(graph: MotionGraph, stops: np.ndarray, metric: Continuity) -> tuple[np.ndarray, np.ndarray]:
-    """For each node the place in `stops` of the nearer of the two around it, and the distance to it."""
-    nodes = np.arange(graph.n_nodes)
-    after = np.searchsorted(stops, nodes)
-    sides = [np.clip(after + shift, 0, len(stops) - 1) for shift in (-1, 0)]
-    distances = [graph.distances(stops[side], nodes, metric) for side in sides]
-    nearer = distances[1] <= distances[0]
-    return np.where(nearer, sides[1], sides[0]), np.where(nearer, distances[1], distances[0])
+def _matrix(graph: MotionGraph, gates: np.ndarray, lambda_join: float, metric: Continuity) -> np.ndarray:
+    """The costs of joins to each gate from each other one, float32 `[shape=(G, G)]`."""
+    found = np.zeros((len(gates), len(gates)), dtype=np.float32)
+    ahead = graph.successors[gates]
+    for points, weight in ((graph.poses, metric.lambda_pos), (graph.velocities, metric.lambda_vel)):
+        points = points - points.mean(axis=0)
+        to, froms = points[gates], points[ahead]
+        squares = (to**2).sum(axis=1), (froms**2).sum(axis=1)
+        for rows in np.array_split(np.arange(len(gates)), max(1, len(gates) // 256)):
+            apart = to[rows] @ (-2.0 * froms.T)
+            apart += squares[0][rows, None]
+            apart += squares[1]
+            np.sqrt(np.maximum(apart, 0.0, out=apart), out=apart)
+            found[rows] += lambda_join * weight * apart
+    return found

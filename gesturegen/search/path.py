@@ -9,15 +9,15 @@ import numpy as np
 
 from gesturegen.motion.skeleton import read_only
 
-# How a part of a long piece ends that may end anywhere.
-CUT = "cut"
+# How a stay of the global search ends that is not the last.
+JOIN = "join"
 
 
 @dataclass(frozen=True)
 class Target:
     """A stretch [start_frame, end_frame) of the test speech, and how it ends.
 
-    end_kind : kind of the key node at `end_frame`, `onset`, `keyword` or (the last piece) `break`, else `cut`
+    end_kind : kind of the key node at `end_frame`, `onset`, `keyword` or (the last piece) `break`, else `join`
     """
 
     start_frame: int
@@ -35,7 +35,7 @@ class Piece:
     """The nodes found for one target, as searched, before resampling to the target's length.
 
     nodes : int [shape=(n,)]; cost : of the path; retries : how many the search needed
-    fallback : None, or what had to give way: `keyword`, `discard` or `repeat` (appendix A.1), `hold` or `end`
+    fallback : None, or what had to give way: `keyword`, `discard` or `repeat` (appendix A.1)
     costs : what the cost is made of, by term of the objective; None where the search has no terms
     """
 

@@ -61,8 +61,8 @@ class OnsetPeaks:
         for name in ("times", "strengths", "near_mute"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
-    def select(self, min_strength: float, muted_max_share: float) -> np.ndarray:
-        """Times in seconds of the onsets at least `min_strength` strong, without the pops around mutes.
+    def are_onsets(self, min_strength: float, muted_max_share: float) -> np.ndarray:
+        """Which peaks are onsets, bool `[shape=(K,)]`: those at least `min_strength` strong, but no pops around mutes.
 
         If pops would be more than `muted_max_share` of the onsets, the recording is gated or synthetic,
         not censored, and none is dropped.
@@ -71,7 +71,11 @@ class OnsetPeaks:
         pops = strong & self.near_mute
         if pops.sum() <= muted_max_share * strong.sum():
             strong &= ~self.near_mute
-        return self.times[strong]
+        return strong
+
+    def select(self, min_strength: float, muted_max_share: float) -> np.ndarray:
+        """Times in seconds of the peaks that are onsets (`are_onsets`)."""
+        return self.times[self.are_onsets(min_strength, muted_max_share)]
 
 
 def read_samples(path: str | Path) -> tuple[np.ndarray, int]:

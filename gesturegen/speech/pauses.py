@@ -6,11 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gesturegen.config import Phrases
 from gesturegen.runs import runs
 from gesturegen.speech.transcript import Word
 
 # A gap of exactly the limit, in frames, is no pause, whatever the rounding of the limit.
 _FRAME_SLACK = 1e-6
+# Of times, which are read from text.
+_TIME_SLACK = 1e-9
 
 
 def speaking_frames(
@@ -30,3 +33,14 @@ def speaking_frames(
         if end - start > min_seconds * fps + _FRAME_SLACK:
             speaking[start:end] = False
     return speaking
+
+
+def phrase_ends(words: Sequence[Word], settings: Phrases) -> np.ndarray:
+    """Times in seconds, ascending, at which a phrase ends: the end of a word that no other one follows soon.
+
+    A gap of over `min_gap_seconds` ends a phrase, and so does the last word. Words of several speakers may overlap.
+    """
+    words = sorted(words, key=lambda word: (word.start, word.end))
+    ends = np.maximum.accumulate([word.end for word in words]) if words else np.zeros(0)
+    starts = np.array([word.start for word in words[1:]])
+    return ends[np.append(starts - ends[:-1] > settings.min_gap_seconds + _TIME_SLACK, True)] if words else ends

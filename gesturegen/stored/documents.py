@@ -215,12 +215,13 @@ class Manifest(_Model):
 
 
 class Summary(_Model):
-    """The figures of `evaluate`."""
+    """The figures of `evaluate`; beside : of what they are compared with."""
 
     signature: dict[str, str | int]
     total: Row
     clips: dict[str, Row]
     control: dict[str, list[dict[str, str | bool | Figure | None]]] = {}
+    beside: dict[str, Row] = {}
 
 
 class _Setup(_Model):

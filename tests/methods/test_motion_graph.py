@@ -301,6 +301,21 @@ def test_the_graph_does_not_change():
         np.testing.assert_array_equal(getattr(graph, name), array)
 
 
+def test_the_global_search_says_what_it_cannot_hear_or_see():
+    graph = tiny.graph_of_positions(np.zeros((60, 2, 3)), rows=[(20, "keyword", "counting")])
+    speech = tiny.speech(30, (5,), [("hi", 8, 12), ("one", 20, 24)])
+    wrists = {"left": "left", "right": "right"}
+    lacks = "keywords that its references lack, so nothing is shown for them: greeting"
+    assert run(replace(graph, joint_names=("left", "right")), speech, search="global", control=wrists).notes == (lacks,)
+    no_hands = "no beats of the hands, because control.left or control.right is none of its joints: right"
+    assert run(replace(graph, joint_names=("left", "b")), speech, search="global", control=wrists).notes == (
+        lacks,
+        no_hands,
+    )
+    off = {"lambda_keyword": 0.0, "lambda_beat": 0.0}
+    assert run(graph, speech, search="global", global_search=off).notes == ()
+
+
 @pytest.mark.parametrize("name", sorted(METHODS))
 def test_every_method_builds_and_searches(name):
     # Long enough, and with words and arms, that there are clips to cut and hands to tell their rhythm.

@@ -213,7 +213,8 @@ def test_feet_stay_in_place_under_a_body_that_slides(way, heading):
     held = locked(motion, recorded)
     assert drift(motion)[-1] == pytest.approx(10.0)
     assert drift(held).max() < 0.3
-    np.testing.assert_allclose(ankles(held)[..., 1], ankles(motion)[..., 1], atol=1e-6)
+    # Legs are stretched ever more slowly: feet hang a little.
+    np.testing.assert_allclose(ankles(held)[..., 1], ankles(motion)[..., 1], atol=0.2)
     pelvis = kinematics.joint_positions(held, [PELVIS])[:, 0]
     np.testing.assert_allclose(pelvis[-1, [0, 2]] - pelvis[0, [0, 2]], way, atol=1e-12)
 
@@ -257,12 +258,14 @@ def test_a_foot_that_is_too_far_off_makes_a_step():
         steps = np.flatnonzero(np.diff(np.concatenate([[False], up[:, foot] > 0.5]).astype(int)) == 1)
         assert len(steps) == 2
         assert 5.5 < up[:, foot].max() < 6.01
-    assert (up.min(axis=1) < 0.3).all()
+    assert (up.min(axis=1) < 0.8).all()
     assert up.min() > -1e-6
     # On the floor, feet stand: those that are not up do not move.
     speed = np.linalg.norm(np.diff(ankles(held)[..., [0, 2]], axis=0), axis=-1)
     down = (up[1:] < 0.01) & (up[:-1] < 0.01)
-    assert speed[down].mean() < 0.02 and down.mean() > 0.7
+    assert (
+        speed[down].mean() < 0.02 and down.mean() > 0.4
+    )  # the others hang a little, where the leg is nearly at its longest
 
 
 def test_a_step_takes_its_time_and_goes_back_under_the_body():
@@ -303,8 +306,8 @@ def test_a_goal_out_of_reach_is_pointed_at(way):
     assert np.isfinite(held.rotations).all()
     np.testing.assert_allclose(np.linalg.norm(held.rotations, axis=-1), 1.0, atol=1e-12)
     hips = kinematics.joint_positions(held, [4, 9])
-    assert np.linalg.norm(ankles(held) - hips, axis=-1)[-1] == pytest.approx([82.0, 82.0], abs=0.05)
-    # In a line with where the foot should be.
+    assert np.linalg.norm(ankles(held) - hips, axis=-1)[-1] == pytest.approx([81.688, 81.688], abs=0.01)
+    # As far as a knee of 170 degrees lets it, in a line with where the foot should be.
     goal = ankles(motion)[0]
     cosine = np.sum((goal - hips[-1]) * (ankles(held)[-1] - hips[-1]), axis=1)
     cosine /= np.linalg.norm(goal - hips[-1], axis=1) * np.linalg.norm(ankles(held)[-1] - hips[-1], axis=1)
@@ -325,6 +328,19 @@ def test_a_straight_leg_is_bent_for_a_step():
     recorded, motion = figure(np.zeros((90, 2)), 0.0), figure(slide(90, (8.0, 0.0)), 0.0)
     up = (ankles(locked(motion, recorded, chosen)) - ankles(motion))[..., 1]
     assert up.max() > 4.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_goal_straightens_a_knee_beyond_the_recording_or_170_degrees(seed):
+    rng = np.random.default_rng(seed)
+    recorded = figure(np.zeros((120, 2)), 0.2 + 0.4 * rng.random())
+    motion = figure(60.0 * gaussian_filter1d(rng.normal(size=(120, 2)), 6.0, axis=0), 0.6)
+    held = locked(motion, recorded, Feet(lock=True, max_offset=float(rng.uniform(5, 200))))
+    hips, feet_at = kinematics.joint_positions(held, [4, 9]), ankles(held)
+    longest = max(float(np.linalg.norm(ankles(m) - kinematics.joint_positions(m, [4, 9]), axis=-1).max())
+                  for m in (recorded, motion))  # fmt: skip
+    reached = np.linalg.norm(feet_at - hips, axis=-1)
+    assert reached.max() <= max(longest, 81.689) + 1e-6 and np.ptp(reached) > 0.5
 
 
 # --- foot skate ---------------------------------------------------------------------------------------------

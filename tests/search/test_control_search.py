@@ -2,7 +2,7 @@
 
 from collections import Counter
 from dataclasses import replace
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 import pytest
@@ -10,11 +10,12 @@ import pytest
 from gesturegen.config import Condition, Config, Control
 from gesturegen.control import measures, schedule
 from gesturegen.methods import motion_graph
-from gesturegen.search import global_search, objective
+from gesturegen.search import global_search
 from tests import naive, tiny
-from tests.search.test_global_search import close, cut, paths, random_problem
+from tests.search.test_global_search import check_optimal, close, random_prices, repetitive
 
-PIECES = {"most_nodes": 3, "most_pieces": 3, "longest": 3}
+# What a rest that is drawn out may change: what its frames earn, and whether they are shown again.
+EARNED = "beat", "onset", "phrase", "keyword"
 
 
 def random_demands(rng, n_frames: int, values) -> list[schedule.Demand]:
@@ -60,67 +61,53 @@ def controlled(rng, graph, n_frames: int):
 
 
 def problems(rng, count: int, **sizes):
-    """Problems of the global search with random control: (arguments, plain objective, demands)."""
+    """Prices of the global search with random control: (prices, plain objective, demands)."""
     for _ in range(count):
-        graph, targets, speaking, config = random_problem(rng, **sizes)
-        demands, control, plain = controlled(rng, graph, len(speaking))
-        restated = naive.Objective(graph, cut(graph, targets, config), speaking, config, plain)
-        yield (graph, targets, speaking, config, None, control), restated, demands
+        prices = random_prices(rng, **sizes)
+        demands, control, plain = controlled(rng, prices.graph, len(prices.speaking))
+        states, shown, held = control
+        prices = replace(prices, demanded=states, controlled=shown, controlled_held=held)
+        yield prices, plain, demands
 
 
 def test_equals_the_least_of_all_paths():
     rng = np.random.default_rng(0)
     tried = 0
-    for problem, plain, _ in problems(rng, 400, **PIECES, slack_frames=0):
-        if np.prod([len(plain.counts(t)) * 3.0 ** plain.counts(t)[-1] for t in plain.targets]) > 4000:
+    for prices, control, _ in problems(rng, 120, most_nodes=5, most_frames=5):
+        plain = naive.Objective(prices, control)
+        paths = list(islice(plain.all_paths(), 501))
+        if len(paths) > 500:
             continue
-        result = global_search.search(*problem)
-        least = min(plain.cost(path)["total"] for path in plain.all_paths())
-        assert result.final["total"] == close(least, 100) and plain.cheapest() == close(least, 100)
+        least = min(plain.cost(path)["total"] for path in paths)
+        assert check_optimal(prices, control)[1]["total"] == close(least, 100)
         tried += 1
-    assert tried > 100
+    assert tried > 60
 
 
 def test_equals_the_naive_program():
     rng = np.random.default_rng(1)
     seen = Counter()
-    for problem, plain, demands in problems(rng, 800):
-        result = global_search.search(*problem)
-        cost = plain.cost(paths(result))
-        assert cost["total"] == close(plain.cheapest(), 100)
-        for term in (*objective.PIECE_TERMS, "control"):
-            assert result.final[term] == close(cost[term], 100), term
-        assert sum(piece.cost for piece in result.pieces) == close(result.final["total"], 100)
-        seen["paid"] += cost["control"] > 0
+    for prices, control, demands in problems(rng, 120):
+        _, cost = check_optimal(prices, control)
+        seen["paid"] += cost.get("control", 0.0) > 0
         seen["hard"] += any(one.hard for one in demands)
         seen["soft"] += any(not one.hard for one in demands)
-        seen["several sets"] += len(set(problem[5][0].tolist())) > 2
-        seen["held"] += result.final["held"] > 0
+        seen["several sets"] += len(set(prices.demanded.tolist())) > 2
+        seen["held"] += cost.get("held", 0.0) > 0
         seen["fast"] += any(one.measure == "speed" and one.low > 0 for one in demands)
-    assert min(seen.values()) > 100, seen
-
-
-def test_repetition_is_priced_beside_control():
-    rng = np.random.default_rng(2)
-    dearer = 0
-    for problem, plain, _ in problems(rng, 100, most_nodes=5, lambda_repeat=3.0):
-        result = global_search.search(*problem)
-        assert result.final["total"] == close(plain.cost(paths(result))["total"], 100)
-        assert result.final["total"] <= result.first["total"] + 1e-6
-        dearer += result.final["total"] < result.first["total"] - 1e-6
-    assert dearer > 5
+    assert min(seen.values()) > 10, seen
 
 
 def test_a_set_that_asks_nothing_changes_nothing_but_the_drawing_out_of_rests():
     rng = np.random.default_rng(3)
-    for _ in range(100):
-        graph, targets, speaking, config = random_problem(rng)
-        nothing = np.zeros(len(speaking), dtype=int), *np.zeros((2, 1, graph.n_nodes))
-        other = global_search.search(graph, targets, speaking, config, None, nothing)
-        plain = global_search.search(graph, targets, speaking, config)
-        assert other.final.pop("control") == 0
-        assert other.first["total"] == close(plain.first["total"]) and other.final == close(plain.final)
-        assert "control" not in plain.final and "control" not in plain.first
+    for _ in range(10):
+        graph, speech, config = repetitive(rng)
+        nothing = np.zeros(speech.n_frames, dtype=int), *np.zeros((2, 1, graph.n_nodes))
+        other = global_search.search(graph, speech, config, None, nothing)
+        plain = global_search.search(graph, speech, config)
+        assert other.first == close(plain.first) and other.final["control"] == 0.0
+        apart = sum(plain.final[name] - other.final[name] for name in ("repeats", *EARNED))
+        assert plain.final["total"] == close(other.final["total"] + apart)
 
 
 def moving_graph(fast: int):

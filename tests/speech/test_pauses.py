@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gesturegen import keynodes
-from gesturegen.config import Pauses
-from gesturegen.speech.pauses import speaking_frames
+from gesturegen.config import Pauses, Phrases
+from gesturegen.graph.motion_graph import phrase_nodes
+from gesturegen.speech.pauses import phrase_ends, speaking_frames
 from gesturegen.speech.transcript import Word
 from tests import naive, tiny
 
@@ -106,3 +107,24 @@ def test_the_frames_of_a_reference_are_judged_in_its_recording():
     assert states.tolist() == [frame < 2 or frame >= 20 for frame in kept]
     assert keynodes.reference_speaking(reference, Pauses(min_seconds=0.6)).all()
     assert keynodes.speaking(reference.speech, Pauses()).tolist() == [f < 2 or f >= 20 for f in range(22)]
+
+
+def ends_of_phrases(*words, gap=0.2):
+    return phrase_ends([Word("a", *times) for times in words], Phrases(min_gap_seconds=gap)).tolist()
+
+
+def test_a_phrase_ends_where_no_word_follows_soon():
+    assert ends_of_phrases() == []
+    assert ends_of_phrases((0.0, 1.0)) == [1.0], "the last word ends one"
+    assert ends_of_phrases((0.0, 1.0), (1.1, 2.0), (2.5, 3.0)) == [2.0, 3.0]
+    assert ends_of_phrases((2.5, 3.0), (0.0, 1.0), (1.1, 2.0)) == [2.0, 3.0]
+    assert ends_of_phrases((0.0, 1.0), (1.2, 2.0), gap=0.2) == [2.0], "a gap of exactly the limit ends none"
+    # A longer word of another speaker goes on over both.
+    assert ends_of_phrases((0.0, 4.0), (1.0, 2.0), (3.0, 3.5), (6.0, 7.0)) == [4.0, 7.0]
+
+
+def test_the_ends_of_phrases_of_a_reference_are_nodes_that_may_be_used():
+    kept = [*range(5), *range(15, 40)]
+    words = [("so", 0, 3), ("cut", 8, 12), ("on", 20, 25), ("end", 33, 36)]
+    reference = tiny.reference(tiny.motion(np.random.default_rng(0), len(kept)), (), words, (0, 5), kept)
+    assert phrase_nodes(reference, Phrases(min_gap_seconds=0.1)).tolist() == [3, 15, 26]
