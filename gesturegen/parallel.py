@@ -16,6 +16,17 @@ from gesturegen import supervision
 from gesturegen.errors import GesturegenError
 from gesturegen.inputs import shown
 
+_SEARCHES = ("graph", "beam", "global", "gestures", "matching")
+# What `warm_up` is to compile before the workers of a stage start, by the first word of its label.
+_LOOPS = {
+    "preprocess": ("speech",),
+    "build-graph": ("graph", "gestures", "matching"),
+    "reenact": _SEARCHES,
+    "ablate": _SEARCHES,
+    "compare": _SEARCHES,
+    "render": ("video",),
+}
+
 
 @dataclass
 class Outcome:
@@ -47,9 +58,10 @@ def for_each(
     the same for any `jobs`. With one job, or one task, everything runs in this process; `fresh` gives every task a
     process of its own instead. A task whose process dies is an error that names the signal; the others go on.
     """
-    from gesturegen import warm_up
+    if groups := _LOOPS.get(label.partition(":")[0]):
+        from gesturegen import warm_up
 
-    warm_up.prepare(label, quiet)
+        warm_up.prepare(groups, quiet)
     outcome = Outcome()
     guarded = {name: partial(_guarded, tasks[name]) for name in sorted(tasks)}
     with _stage(label, len(guarded), quiet) as bar:

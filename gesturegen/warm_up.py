@@ -31,23 +31,12 @@ from gesturegen.video import _kernels as video_kernels
 _ready: set[str] = set()
 
 
-def prepare(label: str, quiet: bool = True) -> None:
-    """Compile what the tasks of a stage will call, if it is not yet kept, and say so in one line unless `quiet`.
-
-    label : as the progress bar has it, `stage` or `stage: part`
+def prepare(groups: Iterable[str], quiet: bool = True) -> None:
+    """Compile groups of loops, those that are not yet kept, and say so in one line unless `quiet`.
 
     One process compiles while others wait for it; what is damaged or missing is compiled anew. That nothing can be
     kept is no error: then every process compiles for itself.
     """
-    _compile(STAGES.get(label.partition(":")[0], ()), quiet)
-
-
-def prepare_everything() -> None:
-    """Compile what any command calls."""
-    _compile(GROUPS, quiet=False)
-
-
-def _compile(groups: Iterable[str], quiet: bool) -> None:
     groups = [group for group in groups if group not in _ready]
     if is_switched_on() and not all(_is_kept(group) for group in groups):
         with store.alone() as folder:
@@ -152,17 +141,7 @@ GROUPS: dict[str, Callable[[], object]] = {
     "matching": _compile_matching,
     "video": _compile_video,
 }
-_SEARCHES = ("graph", "beam", "global", "gestures", "matching")
-# By the first word of what a progress bar shows.
-STAGES = {
-    "preprocess": ("speech",),
-    "build-graph": ("graph", "gestures", "matching"),
-    "reenact": _SEARCHES,
-    "ablate": _SEARCHES,
-    "compare": _SEARCHES,
-    "render": ("video",),
-}
 
 
 if __name__ == "__main__":
-    prepare_everything()
+    prepare(GROUPS, quiet=False)

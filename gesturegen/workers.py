@@ -149,6 +149,8 @@ class _Crew:
             self.ended = True
             for worker in self.busy:
                 worker.process.kill()
+            for worker in self.busy:
+                worker.process.wait()
 
 
 def run(

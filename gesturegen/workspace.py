@@ -65,6 +65,7 @@ def _locked(folder: Path, command: str, wait: bool, say: Callable[[str], None]) 
         remove_unfinished(folder)
         yield
     finally:
+        remove_unfinished(folder)  # of workers that were killed, while the command went on
         del _held[folder]
         with suppress(OSError):
             path.unlink()

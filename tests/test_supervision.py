@@ -17,9 +17,7 @@ def pids_of(process, count: int) -> list[int]:
     return [int(process.stdout.readline()) for _ in range(count)]
 
 
-@pytest.mark.parametrize(
-    ("number", "jobs"), [(signal.SIGTERM, 1), (signal.SIGHUP, 1), (signal.SIGINT, 1), (signal.SIGTERM, 2)]
-)
+@pytest.mark.parametrize(("number", "jobs"), [(signal.SIGHUP, 1), (signal.SIGINT, 1), (signal.SIGTERM, 2)])
 def test_a_signal_ends_everything_in_one_line(number, jobs):
     with running(f"command({jobs})") as process:
         pids = pids_of(process, jobs)

@@ -3,6 +3,7 @@
 import json
 import os
 import threading
+from contextlib import nullcontext
 
 import pytest
 
@@ -82,17 +83,19 @@ def test_workers_hold_the_lock_of_a_dead_command(tmp_path):
         await_end(pids)
 
 
-def test_what_was_left_half_written_is_removed(tmp_path):
+@pytest.mark.parametrize("when", ["before", "meanwhile"])
+def test_what_was_left_half_written_is_removed(tmp_path, when):
+    """By a command that was killed before, or by a worker that was killed while the command goes on."""
     work = tmp_path / "work"
-    with pytest.raises(KeyboardInterrupt), locked(work):
+    with locked(work) if when == "meanwhile" else nullcontext():
         files.write_text(work / "mine.txt", "mine")
         for place in (work, work / "clips", work / "variants/2/reenact", work / "data"):
             place.mkdir(parents=True, exist_ok=True)
             files._new_temporary(place).close()
-        raise KeyboardInterrupt
-    assert len(tree(work)) == 5
-    with locked(work):
-        pass
+    if when == "before":
+        assert len(tree(work)) == 5
+        with locked(work):
+            assert len(tree(work)) == 3  # the lock as well
     left = list(tree(work))
     assert left[1:] == ["mine.txt"] and left[0].startswith("data/")  # not ours to look through
 

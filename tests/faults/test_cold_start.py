@@ -169,7 +169,7 @@ def test_no_cache_at_all(room, cold, stranger):
 def test_numbas_own_settings_keep_working(room):
     """Another processor is another folder; without compiling there is nothing to prepare."""
     code = "from gesturegen import warm_up; from gesturegen.compiled import store; print(store.folders()[0]); "
-    code += "warm_up.prepare('reenact', quiet=False)"
+    code += "warm_up.prepare(warm_up.GROUPS, quiet=False)"
     for variables, named in (
         ({"NUMBA_CPU_NAME": "generic", "NUMBA_DISABLE_JIT": "1"}, "-generic-"),
         ({}, "gesturegen"),
