@@ -142,7 +142,7 @@ def _kept_figures(config: Config, signature: dict, names: set[str]) -> Summary |
     if control_path.is_file() != bool(control):
         return None
     try:
-        texts = {csv_path: tables.format_csv(rows, total, columns, signature)}
+        texts = {csv_path: tables.format_csv(rows, total, columns, signature, beside)}
         if control:
             texts[control_path] = _control_csv(control, signature)
     except KeyError as error:

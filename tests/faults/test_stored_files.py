@@ -252,7 +252,7 @@ def test_readers_take_forged_files_or_refuse_them(method, finished, tmp_path):
 
 
 @pytest.mark.parametrize(("name", "forged", "words"), [
-    ("indices", 10**12, "indices holds"), ("indptr", -1, "indptr does not rise"), ("near_nodes", -1, "near_nodes holds"),
+    ("indices", 10**12, "indices holds"), ("indptr", -1, "indptr does not rise"), ("phrase_ends", -1, "phrase_ends holds"),
     ("segment_starts", 7, "segment_starts does not begin at 0"), ("positions", np.nan, "positions holds"),
     ("weights", -1.0, "weights holds"), ("key_frames", 10**6, "key_frames"), ("clip_starts", 1, "does not begin"),
 ])  # fmt: skip
