@@ -47,7 +47,7 @@ test: install  ## the fast tests
 	$(BIN)/python -m pytest -m 'not slow' -q -n auto --dist loadfile
 
 test-slow: install  ## the tests that take longer
-	$(BIN)/python -m pytest -m slow -q
+	$(BIN)/python -m pytest -m slow -q -n auto --dist loadfile
 
 # A clip that fails must not keep the others from the table and the report; the exit code still tells.
 FULL_CHALLENGE = status=0; for command in run ablate report; do $(GESTUREGEN) $$command $(1) $(FLAGS) || status=$$?; done; exit $$status

@@ -112,6 +112,7 @@ def broken_guarantees(table: dict) -> Iterator[str]:
 def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         table = run(Path(folder))
+    del table["checksum"]  # of a file that holds how long searches took
     found = list(broken_guarantees(table))
     if "--regenerate" in sys.argv:
         GOLDEN.write_text(json.dumps(table, indent=1, ensure_ascii=False) + "\n")
