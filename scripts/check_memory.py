@@ -4,9 +4,8 @@
 
 Two parts, `many` and `long`, on demo data in a temporary folder:
 
-`many` : one reference and 300 test clips of 10 s, stage by stage with two workers. The largest process of the last
-    third of a stage may be at most 5 % and 20 MB larger than that of its first third. Thirds are of the CPU time that
-    a stage took, which does not depend on what else the machine does.
+`many` : one reference and 300 test clips of 10 s, stage by stage with two workers. The largest process of a stage may
+    be at most 5 % and 20 MB larger than with 100 clips.
 `long` : one test speech of 20 minutes through all stages with each recommended config: at most 2 GB in any process.
 
 Prints a line per measurement; exits with 1 when a limit is passed.
@@ -20,9 +19,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -31,71 +28,25 @@ import soundfile
 from gesturegen import demo
 
 LIMIT = 2e9  # bytes of a process
+FEWER = 3  # times
 GROWTH, MARGIN = 1.05, 20e6
 STAGES = ("preprocess", "build-graph", "reenact", "evaluate")
 CONFIGS = ("casia_go_2023", "best", "gesture_master_2022", "motion_matching_2022")
 # A few minutes of reference have hardly a transition below delta_T = 8.
 OPTIONS = {"gesture_master_2022": ("gesture_master.upper.delta_t=null", "gesture_master.upper.delta_quantile=0.25")}
-PAUSE = 0.05  # seconds between two looks at the processes
-TICKS, PAGE = os.sysconf("SC_CLK_TCK"), os.sysconf("SC_PAGE_SIZE")
 CONFIG_FOLDER = Path(__file__).parent.parent / "configs"
 
 
-@dataclass(frozen=True)
-class Sample:
-    """CPU seconds that all processes of a command have used so far, and bytes of the largest one."""
-
-    cpu: float
-    largest: float
-
-
-@dataclass(frozen=True)
-class Measured:
-    """Bytes of the largest process at its peak, and what was seen on the way there."""
-
-    peak: float
-    samples: Sequence[Sample]
-
-    def thirds(self) -> tuple[float, float]:
-        """The largest process of the first third and of the last one, by CPU time."""
-        end = self.samples[-1].cpu
-        first = [sample.largest for sample in self.samples if sample.cpu <= end / 3]
-        last = [sample.largest for sample in self.samples if sample.cpu >= end * 2 / 3]
-        return max(first), max(last)
-
-
-def measure(command: Sequence[str]) -> Measured:
-    """Run a command in a session of its own; SystemExit when it fails."""
+def measure(command: Sequence[str]) -> float:
+    """Run a command; the bytes of its largest process at its peak. SystemExit when it fails."""
     with tempfile.TemporaryFile("w+") as told:
-        process = subprocess.Popen(command, stdout=told, stderr=subprocess.STDOUT, start_new_session=True)
-        samples, ended = [], threading.Event()
-        watch = threading.Thread(target=_watch, args=(process.pid, samples, ended))
-        watch.start()
+        process = subprocess.Popen(command, stdout=told, stderr=subprocess.STDOUT)
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
-        ended.set()
-        watch.join()
         if process.returncode != 0:
             told.seek(0)
             raise SystemExit(f"{' '.join(command)}: exit code {process.returncode}\n{told.read()}")
-    # Of this process and of its workers, which it has waited for.
-    return Measured(1024.0 * usage.ru_maxrss, samples)
-
-
-def _watch(session: int, samples: list[Sample], ended: threading.Event) -> None:
-    ticks: dict[str, int] = {}
-    while not ended.wait(PAUSE):
-        largest = 0
-        for number in filter(str.isdigit, os.listdir("/proc")):
-            try:
-                fields = Path("/proc", number, "stat").read_text().rpartition(")")[2].split()
-            except OSError:
-                continue  # it has ended
-            if int(fields[3]) == session:
-                ticks[number] = int(fields[11]) + int(fields[12])
-                largest = max(largest, int(fields[21]) * PAGE)
-        if largest:
-            samples.append(Sample(sum(ticks.values()) / TICKS, largest))
+    return 1024.0 * usage.ru_maxrss  # of this process and of its workers, which it has waited for
 
 
 def gesturegen(command: str, config: str, data: Path, work: Path, jobs: int) -> list[str]:
@@ -109,25 +60,28 @@ def gesturegen(command: str, config: str, data: Path, work: Path, jobs: int) -> 
 
 def many_clips(folder: Path, count: int) -> list[str]:
     """What grew while many clips went through each stage."""
-    data, faults = folder / "data", []
+    few, many = (_peaks(folder / str(number), number) for number in (count // FEWER, count))
+    faults = []
+    for stage in STAGES:
+        told = (
+            f"{stage}: {few[stage] / 1e6:.0f} MB with {count // FEWER} clips, {many[stage] / 1e6:.0f} MB with {count}"
+        )
+        print(told, flush=True)
+        if many[stage] > GROWTH * few[stage] + MARGIN:
+            faults.append(told)
+    return faults
+
+
+def _peaks(folder: Path, count: int) -> dict[str, float]:
+    """Bytes of the largest process of each stage for so many test clips."""
+    data = folder / "data"
     for spec in demo.clip_specs(references=1, tests=1, seed=1, reference_seconds=(30, 30), test_seconds=(10, 10)):
         demo.write_clip(data, spec)
     for kind in ("wav", "tsv"):
         (first,) = (data / "tst/main-agent" / kind).iterdir()
         for number in range(1, count):
             shutil.copy(first, first.with_stem(f"tst_{number:03d}"))
-    for stage in STAGES:
-        found = measure(gesturegen(stage, CONFIGS[0], data, folder / "work", jobs=2))
-        first, last = found.thirds()
-        print(
-            f"{count} clips, {stage}: {first / 1e6:.0f} MB in the first third, {last / 1e6:.0f} MB in the last",
-            flush=True,
-        )
-        if last > GROWTH * first + MARGIN:
-            faults.append(
-                f"{stage}: {first / 1e6:.0f} MB in the first third of {count} clips, {last / 1e6:.0f} MB in the last"
-            )
-    return faults
+    return {stage: measure(gesturegen(stage, CONFIGS[0], data, folder / "work", jobs=2)) for stage in STAGES}
 
 
 def long_speech(folder: Path, minutes: int) -> list[str]:
@@ -137,7 +91,7 @@ def long_speech(folder: Path, minutes: int) -> list[str]:
         demo.write_clip(data, spec)
     repeat_speech(data / "tst/main-agent", minutes)
     for config in CONFIGS:
-        peaks = {stage: measure(gesturegen(stage, config, data, folder / config, jobs=1)).peak for stage in STAGES}
+        peaks = {stage: measure(gesturegen(stage, config, data, folder / config, jobs=1)) for stage in STAGES}
         told = ", ".join(f"{stage} {peak / 1e6:.0f} MB" for stage, peak in peaks.items())
         print(f"{minutes} minutes, {config}: {told}", flush=True)
         faults += [

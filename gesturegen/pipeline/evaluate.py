@@ -259,8 +259,8 @@ def _measure(evidence: _Evidence, config: Config, n_clips: int) -> dict:
     row = evaluation.measure_clip(generated, config, heard, truth, trace, graph, skate, recorded)
     control = [] if trace is None else _measure_control(generated, trace, graph, config)
     beside = measure_beside(evidence.name, len(generated.world), config, heard, truth, recorded)
-    # The curves have served, and there is one process that gathers all clips.
-    generated, truth = replace(generated, curves=None), truth and replace(truth, curves=None)
+    # There is one process that gathers all clips: the curves have served, and so have motions without truth.
+    generated, truth = truth and replace(generated, curves=None), truth and replace(truth, curves=None)
     return {
         "row": row, "generated": generated, "truth": truth, "references": references, "control": control,
         "seams": seams, "beside": beside,
