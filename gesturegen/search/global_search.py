@@ -77,10 +77,8 @@ def price_list(
 def _stays(nodes: np.ndarray, prices: PriceList) -> tuple[Piece, ...]:
     """The path cut at its joins, each stay with its costs by term; the join into a stay counts with it."""
     costs = objective.terms(nodes, prices)
-    starts = np.append(0, np.flatnonzero(objective.joined(nodes, prices.graph)))
-    ends = np.append(starts[1:], len(nodes))
     pieces = []
-    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+    for start, end in pairwise(objective.stay_bounds(nodes, prices.graph).tolist()):
         row = {name: float(values[start:end].sum()) for name, values in costs.items() if values[start:end].any()}
         target = Target(start, end, JOIN if end < len(nodes) else BREAK)
         pieces.append(Piece(target, nodes[start:end], sum(row.values()), costs=row))
@@ -159,7 +157,7 @@ class Problem:
         best = objective.total(nodes, self.prices)["total"]
         last = 0
         while last < self.n_frames:
-            bounds = [0, *np.flatnonzero(objective.joined(nodes, self.prices.graph)).tolist(), self.n_frames]
+            bounds = objective.stay_bounds(nodes, self.prices.graph).tolist()
             place = int(np.searchsorted(bounds, last))
             first, last = bounds[place], bounds[min(place + stays, len(bounds) - 1)]
             again = objective.repeated(nodes, self.prices.graph, self.settings.repeat_seconds)
@@ -177,8 +175,8 @@ class Problem:
 
     def _long_enough(self, nodes: np.ndarray) -> bool:
         """Whether every stay is as long as it must be; what follows a window may have become shorter."""
-        starts = np.append(0, np.flatnonzero(objective.joined(nodes, self.prices.graph)))
-        lengths = np.diff(np.append(starts, len(nodes)))
+        bounds = objective.stay_bounds(nodes, self.prices.graph)
+        starts, lengths = bounds[:-1], np.diff(bounds)
         least = np.minimum(self.min_stay, self.joins.left[nodes[starts]])
         least = np.minimum(least, len(nodes) - starts)
         return bool((lengths >= least).all())
@@ -187,9 +185,8 @@ class Problem:
         """The ranges of nodes that the path outside [first, last) shows a short while before or after each frame."""
         reach = int(np.ceil(self.settings.repeat_seconds * self.prices.graph.fps - 1e-9)) - 1
         n_nodes = self.prices.graph.n_nodes
-        starts = [0, *np.flatnonzero(objective.joined(nodes, self.prices.graph)).tolist(), len(nodes)]
         rows = []
-        for start, end in pairwise(starts):
+        for start, end in pairwise(objective.stay_bounds(nodes, self.prices.graph).tolist()):
             if start < last and end > first:
                 continue  # in the window
             for frame in range(max(first, start - reach), min(last, end + reach)):

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -78,6 +79,11 @@ def joined(nodes: np.ndarray, graph: MotionGraph) -> np.ndarray:
     return np.append(False, steps)
 
 
+def stay_bounds(nodes: np.ndarray, graph: MotionGraph) -> np.ndarray:
+    """The first frame of each stay, and the number of frames `[shape=(S + 1,)]`."""
+    return np.concatenate([[0], np.flatnonzero(joined(nodes, graph)), [len(nodes)]])
+
+
 def terms(nodes: np.ndarray, prices: PriceList) -> dict[str, np.ndarray]:
     """What each frame costs `[shape=(T,)]`, by term; what is earned is negative.
 
@@ -117,15 +123,11 @@ def repeated(nodes: np.ndarray, graph: MotionGraph, seconds: float) -> np.ndarra
 
     seconds : how long ago that must be at least for it not to count
     """
-    starts = np.append(np.flatnonzero(joined(nodes, graph)), len(nodes))
     last_shown = np.full(graph.n_nodes + 2 * NEAR_NODES, -np.inf)
     found = np.zeros(len(nodes), dtype=bool)
-    first = 0
-    for start in starts:
-        stay = nodes[first:start]
-        frames = np.arange(first, start)
+    for first, end in pairwise(stay_bounds(nodes, graph).tolist()):
+        stay, frames = nodes[first:end], np.arange(first, end)
         before = np.max([last_shown[stay + shift] for shift in range(2 * NEAR_NODES + 1)], axis=0)
-        found[first:start] = frames - before < seconds * graph.fps - 1e-9
+        found[first:end] = frames - before < seconds * graph.fps - 1e-9
         last_shown[stay + NEAR_NODES] = frames
-        first = start
     return found
