@@ -20,8 +20,8 @@ def changed_path(event, arguments):
         writes = (isinstance(flags, int) and flags & WRITING) or (isinstance(mode, str) and mode[:1] in "wax")
         return path if writes and isinstance(path, (str, bytes, os.PathLike)) else None
     if event in CHANGES and isinstance(arguments[0], (str, bytes, os.PathLike)):
-        # A link's first argument is what it points to.
-        return arguments[1] if event in ("os.link", "os.symlink") else arguments[0]
+        # The new name of a rename: the old one is a temporary file's. A link's first argument is what it points to.
+        return arguments[1] if event in ("os.rename", "os.link", "os.symlink") else arguments[0]
     return None
 
 
