@@ -52,7 +52,8 @@ test-slow: install  ## the tests that take longer
 # A clip that fails must not keep the others from the table and the report; the exit code still tells.
 FULL_CHALLENGE = status=0; for command in run ablate report; do $(GESTUREGEN) $$command $(1) $(FLAGS) || status=$$?; done; exit $$status
 
-fuzz: install  ## 20,000 damaged and 20,000 made-up inputs for each reader
+fuzz: install  ## 20,000 damaged and 20,000 made-up inputs for each reader, 20,000 by coverage where atheris installs
+	-$(BIN)/python -m pip install --quiet --disable-pip-version-check atheris
 	GESTUREGEN_FUZZ_EXAMPLES=20000 $(BIN)/python -m pytest tests/fuzz -q -rA -n auto
 	PYTHONPATH=. $(BIN)/python scripts/fuzz_coverage.py --runs 20000
 

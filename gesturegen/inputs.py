@@ -50,6 +50,12 @@ def name_problem(path: Path) -> str | None:
     return f"{shown(path)}: the name of the file holds {what}; rename it"
 
 
+def require_usable_name(path: Path) -> None:
+    """DataError for a file that cannot lend its name to what is written, as a clip does."""
+    if (problem := name_problem(path)) is not None:
+        raise DataError(problem)
+
+
 def decimal(text: str) -> float | None:
     """The number that a text is in ASCII decimal notation; None for anything else (inf for 1e999)."""
     text = text.strip()

@@ -132,11 +132,12 @@ def test_files_whose_names_cannot_be_written_again_are_refused(tmp_path, command
     folder, work = tmp_path / "motions", tmp_path / "work"
     folder.mkdir()
     path = Path(os.fsdecode(os.fsencode(folder) + b"/" + name + b".bvh"))
-    path.write_text(bvh_text())
+    for motion in (path, folder / "good.bvh"):
+        motion.write_text(bvh_text())
     write_clip(tmp_path / "data/trn", "trn_a")
     write_clip(tmp_path / "data/tst", "tst_a", with_motion=False)
     arguments = {
-        "export": [path, "--format", "csv", "--out", work],
+        "export": [folder, "--format", "csv", "--out", work],
         "check": [folder],
         "evaluate": ["--bvh", folder],
     }[command]
@@ -146,7 +147,10 @@ def test_files_whose_names_cannot_be_written_again_are_refused(tmp_path, command
     lines = [line for line in result.stderr.splitlines() if inputs.shown(path) in line]
     assert result.exit_code == 1 and len(lines) == 1, result.output
     assert re.search(f"the name of the file holds {what}; rename it$", lines[0]), lines
-    assert not list(work.rglob("*.csv"))
+    # The other motion is none the worse for it.
+    assert (work / "good.csv").is_file() == (command == "export") and path.name not in map(
+        os.path.basename, work.rglob("*")
+    )
 
 
 def test_labels_that_cannot_be_shown_are_refused(tmp_path):

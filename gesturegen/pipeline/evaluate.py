@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gesturegen import __version__, clips, evaluation, files, keynodes, submission, tables, viewer
+from gesturegen import __version__, clips, evaluation, files, inputs, keynodes, submission, tables, viewer
 from gesturegen.config import Config
 from gesturegen.control import hands
 from gesturegen.errors import DamagedError, DataError
@@ -238,6 +238,7 @@ def _foreign_evidence(bvh_folder: Path, audio_folder: Path | None, truth_folder:
 
 
 def _measure(evidence: _Evidence, config: Config, n_clips: int) -> dict:
+    inputs.require_usable_name(evidence.motion)
     generated = locate_file(evidence.motion, config)
     truth = locate_file(evidence.truth, config) if evidence.truth else None
     if truth is not None:

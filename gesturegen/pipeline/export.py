@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from gesturegen import export as formats
-from gesturegen import files
+from gesturegen import files, inputs
 from gesturegen.config import Config
 from gesturegen.extras import need
 from gesturegen.motion import bvh
@@ -37,6 +37,7 @@ def export(
 
 
 def _export_clip(name: str, path: Path, kinds: tuple[str, ...], folder: Path) -> None:
+    inputs.require_usable_name(path)
     motion = bvh.read(path)
     for kind in kinds:
         place = folder / f"{name}.{kind}"

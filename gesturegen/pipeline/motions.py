@@ -55,11 +55,8 @@ def folder_sounds(folder: Path) -> dict[str, Path]:
 
 
 def _with_names(paths: Iterable[Path]) -> dict[str, Path]:
-    """Files by clip name; DataError for one whose name no file that is written can have."""
-    found = {path.stem: path for path in paths}
-    for problem in filter(None, map(inputs.name_problem, found.values())):
-        raise DataError(problem)
-    return found
+    """Files by clip name, as it can be printed; whoever opens one refuses a name that no written file can have."""
+    return {inputs.shown(path.stem): path for path in paths}
 
 
 def _recordings(folder: Path) -> list[recordings.Recording]:

@@ -94,6 +94,7 @@ def _sounds(config: Config, motions: Mapping[str, Path], path: Path | None, soun
 
 def _film(shot: _Shot, config: Config, folder: Path, size: tuple[int, int]) -> float:
     """Write one video; its duration in seconds."""
+    inputs.require_usable_name(shot.motions[0][1])
     samples, rate = audio.read_samples(shot.sound) if shot.sound else (None, 0)
     scenes, n_frames = [], 0
     for label, path in shot.motions:
