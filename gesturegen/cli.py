@@ -15,6 +15,7 @@ from gesturegen.console import (
     GOES_ON,
     Program,
     common,
+    force_option,
     jobs_option,
     one_line_errors,
     quiet_option,
@@ -61,6 +62,22 @@ def init(path: Path, force: bool, quiet: bool) -> None:
         click.echo(f"written: {path}")
 
 
+@main.command()
+def configs() -> None:
+    """List the configs that come with gesturegen; --config takes them by name.
+
+    \b
+    Example:
+      gesturegen configs
+    """
+    from gesturegen import remembered
+
+    for kind, found in remembered.listing().items():
+        click.echo(f"{kind}:")
+        for name, sentence in found:
+            click.echo(f"  {name:24}{sentence}")
+
+
 @main.command("demo-data")
 @click.argument("folder", type=FOLDER)
 @click.option("--references", type=click.IntRange(min=1), default=2, show_default=True, help="Reference clips.")
@@ -89,6 +106,7 @@ def demo_data(folder: Path, references: int, tests: int, seed: int, challenge: b
 
 @main.command()
 @common
+@force_option
 @click.option("--export-bvh", type=FOLDER, metavar="FOLDER", help="Also write the cleaned references as BVH files.")
 @click.option(
     "--suggest-blacklist",
@@ -105,6 +123,7 @@ def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None, 
       gesturegen preprocess --data genea --suggest-blacklist
     """
     if suggest_blacklist:
+        click.get_current_context().meta.pop("settings")  # nothing is made that they were needed for
         run_and_print(quiet, lambda pipeline: pipeline.suggest_blacklist(config, jobs, quiet))
     else:
         writes = [*work_folder(config), *([export_bvh] if export_bvh else [])]
@@ -113,6 +132,7 @@ def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None, 
 
 @main.command("build-graph")
 @common
+@force_option
 def build_graph(config: Config, jobs: int, quiet: bool) -> None:
     """Build the motion graphs, or the gesture databases, of the references into WORK/graphs.
 
@@ -126,6 +146,7 @@ def build_graph(config: Config, jobs: int, quiet: bool) -> None:
 
 @main.command()
 @common
+@force_option
 @click.option(
     "--variants", type=click.IntRange(min=1), default=1, show_default=True, metavar="N",
     help="Different results of every clip, to pick from: the first in WORK/reenact, each other in WORK/variants/2 to N.",
@@ -148,6 +169,7 @@ def reenact(config: Config, jobs: int, quiet: bool, variants: int) -> None:
 
 @main.command("train-refiner")
 @common
+@force_option
 def train_refiner(config: Config, jobs: int, quiet: bool) -> None:
     """Train the network that refines what k-NN motion matching shows (needs the extra `torch`).
 
@@ -167,9 +189,11 @@ def train_refiner(config: Config, jobs: int, quiet: bool) -> None:
 @click.option("--audio", "audio_folder", type=FOLDER, help="With --bvh: the audio files, matched by name.")
 @click.option("--truth", "truth_folder", type=FOLDER, help="The true motion as BVH files, matched by name.")
 @click.option("--genea-compat", is_flag=True, help="The figures of the published GENEA scripts, by their conventions.")
+@click.option("--full", is_flag=True, help="Print every figure of every clip; the files always hold them.")
 def evaluate(
     config: Config, jobs: int, quiet: bool,
     bvh_folder: Path | None, audio_folder: Path | None, truth_folder: Path | None, genea_compat: bool,
+    full: bool,
 ) -> None:  # fmt: skip
     """Measure the reenacted clips, or anybody's BVH files, into WORK/evaluate.
 
@@ -182,15 +206,17 @@ def evaluate(
         raise click.UsageError("--audio goes with --bvh; a run of gesturegen knows its own audio")
     run_and_print(
         quiet,
-        lambda pipeline: pipeline.evaluate(config, jobs, quiet, genea_compat, bvh_folder, audio_folder, truth_folder),
+        lambda pipeline: pipeline.evaluate(
+            config, jobs, quiet, genea_compat, bvh_folder, audio_folder, truth_folder, full=full
+        ),
         work_folder(config),
     )
 
 
 @main.command()
 @common
-@click.option("--force", is_flag=True, help="Redo everything.")
-def run(config: Config, jobs: int, quiet: bool, force: bool) -> None:
+@force_option
+def run(config: Config, jobs: int, quiet: bool) -> None:
     """All stages in order: preprocess, build-graph, reenact, evaluate, pack.
 
     Does only what is not yet done or has changed, so an interrupted run goes on where it stopped.
@@ -199,6 +225,10 @@ def run(config: Config, jobs: int, quiet: bool, force: bool) -> None:
     Example:
       gesturegen run --config configs/casia_go_2023.yaml --data genea --work out
     """
+    from gesturegen import remembered
+
+    with one_line_errors():
+        force = click.get_current_context().meta["force"] and not remembered.differences(config)
     run_and_print(
         quiet, lambda pipeline: pipeline.run(config, jobs, quiet, force), work_folder(config), "" if force else GOES_ON
     )

@@ -9,6 +9,7 @@ import shlex
 import sys
 import warnings
 from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -30,6 +31,24 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 # What to do after a command that keeps what it has done was stopped.
 GOES_ON = "the same command goes on where it stopped"
 _MOST_WARNINGS = 20
+# What to do after a command; {work} is its work folder.
+_NEXT = {
+    "preprocess": "gesturegen build-graph --work {work}",
+    "build-graph": "gesturegen reenact --work {work}",
+    "train-refiner": "gesturegen reenact --work {work} --set refine=true",
+    "reenact": "gesturegen evaluate --work {work} (measures), gesturegen report --work {work} (a page to watch)",
+    "evaluate": "gesturegen report --work {work} (a page to watch), gesturegen evaluate --work {work} --full (all figures)",
+    "run": "gesturegen report --work {work} (a page to watch)",
+    "report": "open the page in a browser; gesturegen render --work {work} (videos), gesturegen export --work {work} (glTF)",
+    "check": "gesturegen pack --work {work}",
+    "pack": "hand in the archive; gesturegen report --work {work} (a page to watch)",
+    "render": "watch the videos; gesturegen export --work {work} (glTF)",
+    "export": "open the files in your own program",
+    "inspect": "gesturegen report --work {work} (a page to watch)",
+    "ablate": "read the table in {work}/ablation; gesturegen ablate --keep leaves the motions, to be watched",
+    "compare": "open the page in a browser",
+    "demo-data": "gesturegen run --data {work} --work out",
+}
 # Of a disk that is full or fails; our own files are written elsewhere, so that it is what was printed that is lost.
 _LOST = {getattr(errno, name) for name in ("ENOSPC", "EIO", "EFBIG", "EDQUOT") if hasattr(errno, name)}
 
@@ -76,13 +95,26 @@ def wait_option(command: Callable) -> Callable:
     )(command)  # fmt: skip
 
 
+def force_option(command: Callable) -> Callable:
+    """Kept in the context, where `run_and_print` finds it, with the settings that the work folder is to remember."""
+    return click.option(
+        "--force", is_flag=True, expose_value=False,
+        callback=lambda context, _, value: context.meta.update(remember=True, force=value),
+        help="Make results anew that are there: with other settings what depends on them, else everything.",
+    )(command)  # fmt: skip
+
+
 def common(command: Callable, load: Callable | None = None) -> Callable:
     """The options of every command that works on a dataset; it is called with `config`, `jobs` and `quiet`.
 
-    load : what reads `config`, in place of `load_config`
+    load : what reads a plan for `config`, given its file, the overrides and the folders; without it, settings are read
     """
 
-    @click.option("--config", "config_path", type=FILE, help="YAML settings; without it, the paper's.")
+    @click.option(
+        "--config", "config_path", type=FILE, metavar="FILE|NAME",
+        help="YAML settings, or the name of some that come with gesturegen; without it, those that the work folder "
+        "remembers, else the recommended ones.",
+    )  # fmt: skip
     @click.option(
         "--set",
         "overrides",
@@ -99,12 +131,22 @@ def common(command: Callable, load: Callable | None = None) -> Callable:
     @quiet_option
     @functools.wraps(command)
     def with_config(config_path, overrides, data, work, references, tests, **options):
-        from gesturegen.config import load_config
+        from gesturegen import remembered
 
         folders = {"paths.data": data, "paths.work": work, "data.references": references, "data.tests": tests}
         given = {key: str(folder) for key, folder in folders.items() if folder is not None}
+        meta, told = click.get_current_context().meta, None
         with one_line_errors():
-            config = (load or load_config)(config_path, overrides, given)
+            if load is not None:
+                path = None if config_path is None else remembered.shipped(config_path)
+                config = load(path, overrides, remembered.remembered_folders(overrides, given))
+            else:
+                config, told = remembered.load(config_path, overrides, given)
+        if told and not options["quiet"] and not options.get("as_json"):
+            click.echo(told, err=True)
+        meta["work"] = work_folder(config)[0]
+        if meta.get("remember"):
+            meta["settings"] = config
         return command(config=config, **options)
 
     return with_config
@@ -141,7 +183,8 @@ def run_and_print(
     with one_line_errors(), workspace.locked(writes, _command_line(context), context.meta.get("wait", False), say):
         from gesturegen import pipeline
 
-        summary = work(pipeline)
+        with _remembering(context):
+            summary = work(pipeline)
     if not quiet:
         for clip, note in summary.warnings[:_MOST_WARNINGS]:
             click.echo(f"warning: {shown(clip)}: {note}", err=True)
@@ -161,6 +204,21 @@ def run_and_print(
     if outcome.failed:
         click.echo(f"error: {outcome.failed} of {outcome.failed + len(outcome.done)} failed", err=True)
         sys.exit(1)
+    if not quiet and not context.params.get("as_json") and (hint := _NEXT.get(context.info_name or "")):
+        click.echo("next: " + hint.format(work=shlex.quote(str(_work_of(context)))), err=True)
+
+
+def _work_of(context: click.Context) -> Path:
+    return context.meta.get("work") or context.params.get("folder") or Path("out")
+
+
+def _remembering(context: click.Context) -> AbstractContextManager[None]:
+    """What makes the work folder remember the settings of a command that makes motion, as far as it does."""
+    if "settings" not in context.meta:
+        return nullcontext()
+    from gesturegen import remembered
+
+    return remembered.kept(context.meta["settings"], context.meta["force"])
 
 
 def _command_line(context: click.Context) -> str:

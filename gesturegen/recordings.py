@@ -253,10 +253,14 @@ def _pinned(tests: Sequence[str], names: Sequence[str], path: Path) -> dict[str,
 
 
 def true_motions(config: Config, tests: Mapping[str, Recording]) -> dict[str, Path]:
-    """The BVH files of the true motion of test clips: beside their audio, or in `data.truth_split`."""
+    """The BVH files of the true motion of test clips: beside their audio, or in `data.truth_split`.
+
+    Without one, in a folder `truth` of the dataset, where there is one, as `demo-data` writes it.
+    """
     found = {name: recording.motion_path for name, recording in tests.items() if recording.motion_path}
-    if config.data.truth_split is not None:
-        folder = Path(config.paths.data) / config.data.truth_split
+    split = config.data.truth_split
+    folder = Path(config.paths.data) / (split or "truth")
+    if split is not None or inputs.is_dir(folder):
         if not inputs.is_dir(folder):
             raise DataError(f"{inputs.shown(folder)}: no such folder of true motion; check data.truth_split")
         found |= {r.name: r.motion_path for r in list_recordings(folder) if r.motion_path and r.name in tests}

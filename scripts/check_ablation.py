@@ -49,7 +49,7 @@ def run(folder: Path) -> dict:
     setups = [str(configs_folder() / "ablation" / f"{name}.yaml") for name in SETUPS]
     plan.write_text(json.dumps({"seeds": list(SEEDS), "setups": setups}))
     options = ["--data", str(data), "--work", str(work), "--set", "data.truth_split=truth"]
-    for command in (["preprocess"], ["ablate", "--config", str(plan)]):
+    for command in (["preprocess", "--config", "casia_go_2023"], ["ablate", "--config", str(plan)]):
         result = CliRunner().invoke(gesturegen, [*command, *options], catch_exceptions=False)
         if result.exit_code:
             sys.exit(result.output)

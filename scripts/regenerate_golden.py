@@ -42,7 +42,9 @@ def make_inputs(folder: Path) -> None:
 
 def run_commands(work: Path) -> None:
     for command in ("preprocess", "build-graph", "reenact", "evaluate"):
-        result = CliRunner().invoke(main, [command, "--data", str(GOLDEN), "--work", str(work), "-j", "1"])
+        result = CliRunner().invoke(
+            main, [command, "--config", "casia_go_2023", "--data", str(GOLDEN), "--work", str(work), "-j", "1"]
+        )
         assert result.exit_code == 0, result.output
 
 

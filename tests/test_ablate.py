@@ -118,14 +118,14 @@ def test_csv_and_json_agree(finished, table):
     rows = list(csv.DictReader(finished[2]["ablation.csv"].decode().splitlines()))
     assert [(row["setup"], row["seed"]) for row in rows] == [
         (name, label) for name in SETUPS for label in ("0", "3", "mean", "spread", "paper")
-    ] + [(name, "-") for name in table["beside"]]
+    ] + [(name, "") for name in table["beside"]]
     assert list(table["beside"]) == ["(recording)", "(truth)", "(random stretch)"]
     for row in rows[: -len(table["beside"])]:
         setup = table["setups"][row["setup"]]
         figures = setup["seeds"].get(row["seed"]) or setup[row["seed"]]
         for figure in summary.FIGURES:
             value = figures.get(figure.key)
-            assert row[figure.key] == "-" if value is None else float(row[figure.key]) == value
+            assert row[figure.key] == "" if value is None else float(row[figure.key]) == value
 
 
 def test_one_row_per_setup_seed_and_clip(table):

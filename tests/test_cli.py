@@ -174,16 +174,27 @@ def test_measures_against_truth_do_not_depend_on_the_number_of_workers(data, tmp
 def test_without_truth_the_columns_are_dashes(finished):
     header, *rows = [line.split(",") for line in (finished / "evaluate/metrics.csv").read_text().splitlines()]
     for key in ("syn", "hellinger", "cca", "frechet_30"):
-        assert {row[header.index(key)] for row in rows} == {"-"}
+        assert {row[header.index(key)] for row in rows} == {""}
     assert json.loads((finished / "evaluate/summary.json").read_text())["total"]["syn"] is None
 
 
 def test_evaluate_anybodys_files(finished, recorded, tmp_path):
     truth = recorded / "trn/main-agent/bvh"
-    result = succeed(
-        "evaluate", "--bvh", truth, "--truth", truth, "--audio", recorded / "trn/main-agent/wav", "--work", tmp_path
+    measure = (
+        "evaluate",
+        "--bvh",
+        truth,
+        "--truth",
+        truth,
+        "--audio",
+        recorded / "trn/main-agent/wav",
+        "--work",
+        tmp_path,
     )
-    assert "[paper]" in result.output
+    assert "over all clips" in succeed(*measure).output
+    for line in (whole := succeed(*measure, "--full").output).splitlines():
+        assert len(line) <= 100 or not line.startswith(("clip ", "all ")), line
+    assert "[paper]" in whole and "[usage]" in whole
     total = json.loads((tmp_path / "evaluate/summary_files.json").read_text())["total"]
     assert total["syn"] == 0 and total["hellinger"] == 0 and total["seam_jerk"] is None and total["bc_kernel"] > 0
 

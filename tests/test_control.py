@@ -190,7 +190,7 @@ def test_the_table_the_files_the_trace_and_the_report(demo):
         stored = list(csv.DictReader(file))
     assert [row["clip"] for row in stored] == [TEST, TEST]
     for one, other in zip(stored, rows, strict=True):
-        assert one["at_most"] == ("-" if other["at_most"] is None else str(other["at_most"]))
+        assert one["at_most"] == ("" if other["at_most"] is None else str(other["at_most"]))
         assert {key: float(one[key]) for key in ("mean", "deviation", "inside", "reference_mean")} == {
             key: other[key] for key in ("mean", "deviation", "inside", "reference_mean")
         }

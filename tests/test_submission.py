@@ -94,6 +94,10 @@ def test_a_torn_frame_is_named_with_joint_and_figure(tmp_path):
     bvh.write(tmp_path / "a.bvh", Motion(motion.skeleton, rotations, motion.positions, 30.0))
     ((problem,), warnings) = submission.check_motion(tmp_path / "a.bvh", [motion.skeleton], 20, 30.0)
     assert re.search(r"frame [78]: j1 turns 3\d\d\d degrees/s, more than 2700", problem) and warnings == []
+    # A recording that turns as fast has the glitch itself.
+    for recorded, torn in (({"j1": 3500.0}, False), ({"j1": 3000.0}, True), ({"j0": 9000.0}, True)):
+        found, _ = submission.check_motion(tmp_path / "a.bvh", [motion.skeleton], 20, 30.0, recorded.copy)
+        assert bool(found) == torn
 
 
 def test_a_frozen_stretch_is_a_warning(tmp_path):

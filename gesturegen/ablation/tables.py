@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 from gesturegen.ablation.summary import BLOCKS, FIGURES, PAPER, PAPER_CLIPS, Result, Setup
 from gesturegen.evaluation import VIEWER_BLOCKS, Measure
-from gesturegen.tables import beside_of, format_figure, json_figures
+from gesturegen.tables import align, beside_of, exact, format_figure, json_figures
 
 NOTE = (
     "mean ± standard deviation over seeds; counts are per seed, over all clips; a setup with failures is measured on "
@@ -34,15 +34,7 @@ def format_markdown(result: Result) -> str:
 
 def aligned_blocks(blocks: Mapping[str, list[list[str]]]) -> list[str]:
     """Tables of cells as text for a terminal, by their titles; the first row of each is its heading."""
-    parts = []
-    for block, lines in blocks.items():
-        widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
-        rows = [
-            "  ".join([line[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(line[1:], widths[1:], strict=True))])
-            for line in lines
-        ]
-        parts.append("\n".join([f"[{block}]", *rows]))
-    return parts
+    return [f"[{block}]\n{align(lines)}" for block, lines in blocks.items()]
 
 
 def markdown_blocks(blocks: Mapping[str, list[list[str]]]) -> list[str]:
@@ -65,14 +57,14 @@ def format_csv(result: Result) -> str:
         source = [result.signature["config_hashes"][name], seeds, result.signature["version"]]
         runs = {**{str(seed): run for seed, run in setup.by_seed.items()}, "mean": setup.mean, "spread": setup.spread}
         for label, figures in runs.items():
-            writer.writerow([name, label, *(_exact(figures[key]) for key in keys), "-", result.n_clips, *source])
+            writer.writerow([name, label, *(exact(figures[key]) for key in keys), "", result.n_clips, *source])
         if name in PAPER:
             printed = PAPER[name]
-            cells = [_exact(printed.get(key, math.nan)) for key in keys]
-            writer.writerow([name, "paper", *cells, _exact(printed["bc"]), PAPER_CLIPS, "-", "-", "-"])
+            cells = [exact(printed.get(key)) for key in keys]
+            writer.writerow([name, "paper", *cells, exact(printed["bc"]), PAPER_CLIPS, "", "", ""])
     for name, row in result.beside.items():
-        cells = [_exact(row.get(key, math.nan)) for key in keys]
-        writer.writerow([name, "-", *cells, "-", result.n_clips, "-", seeds.split()[0], result.signature["version"]])
+        cells = [exact(row.get(key)) for key in keys]
+        writer.writerow([name, "", *cells, "", result.n_clips, "", seeds.split()[0], result.signature["version"]])
     return text.getvalue()
 
 
@@ -98,10 +90,6 @@ def _json_setup(name: str, setup: Setup) -> dict:
 
 def _json_row(row: dict) -> dict:
     return {key: None if isinstance(value, float) and math.isnan(value) else value for key, value in row.items()}
-
-
-def _exact(value: float) -> str:
-    return "-" if math.isnan(value) else repr(value)
 
 
 def _cells(result: Result, block: str) -> list[list[str]]:

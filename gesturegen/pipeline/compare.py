@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gesturegen import __version__, clips, evaluation, files, submission, viewer
+from gesturegen import __version__, clips, evaluation, files, remembered, submission, viewer
 from gesturegen.ablation.plan import Plan, seeded
 from gesturegen.ablation.summary import Setup
 from gesturegen.ablation.tables import aligned_blocks, beside_cells, format_spread, markdown_blocks
@@ -44,7 +44,7 @@ from gesturegen.randomness import generator
 from gesturegen.report import pack, page
 from gesturegen.speech import audio
 from gesturegen.stored import documents
-from gesturegen.tables import format_figure, json_figures
+from gesturegen.tables import exact, format_figure, json_figures
 
 FOLDER = "compare"
 MACHINE_BLOCK = "time and memory, of this machine"
@@ -219,6 +219,7 @@ def _complete_folder(task: _Task, rows: Sequence[dict]) -> None:
     """Make the folder of a setup a work folder, so that every command works on it: it shares the clips."""
     folder = task.kept.parent
     documents.write(task.kept / "manifest.json", submission.manifest(rows, task.config))
+    remembered.write(task.config, folder)
     target = os.path.relpath(work_path(task.config, "clips").resolve(), folder.resolve())
     try:
         (folder / "clips").symlink_to(target, target_is_directory=True)
@@ -325,11 +326,10 @@ def _format_csv(result: _Comparison) -> str:
         source = [result.n_clips, result.signature["config_hashes"][name], seeds, result.signature["version"]]
         runs = {**{str(seed): run for seed, run in setup.by_seed.items()}, "mean": setup.mean, "spread": setup.spread}
         for label, figures in runs.items():
-            cells = ["-" if math.isnan(figures[key]) else repr(figures[key]) for key in keys]
-            writer.writerow([name, label, *cells, *source])
+            writer.writerow([name, label, *(exact(figures[key]) for key in keys), *source])
     for name, row in result.beside.items():
-        cells = ["-" if math.isnan(row.get(key, math.nan)) else repr(row[key]) for key in keys]
-        writer.writerow([name, "-", *cells, result.n_clips, "-", seeds.split()[0], result.signature["version"]])
+        cells = [exact(row.get(key)) for key in keys]
+        writer.writerow([name, "", *cells, result.n_clips, "", seeds.split()[0], result.signature["version"]])
     return text.getvalue()
 
 

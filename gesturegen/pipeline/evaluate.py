@@ -62,10 +62,11 @@ class _Evidence:
 def evaluate(
     config: Config, jobs: int, quiet: bool, compat: bool = False,
     bvh_folder: Path | None = None, audio_folder: Path | None = None, truth_folder: Path | None = None,
-    reuse: bool = False,
+    reuse: bool = False, full: bool = False,
 ) -> Summary:  # fmt: skip
     """Measure a run, or anybody's BVH files, per clip and in total (§5.2).
 
+    full : print every figure of every clip, in place of those that tell most over all clips
     reuse : keep a run's figures when neither its clips, their truth nor the settings have changed
     """
     lost: list[tuple[str, str]] = []
@@ -112,7 +113,7 @@ def evaluate(
         control = beside = {}
         signature["conventions"] = "genea"
         suffix += "_genea"
-    summary.lines = _lines(rows, total, columns, control, signature, beside)
+    summary.lines = _lines(rows, total, columns, control, signature, beside, full or compat)
     summary.written = _write_tables(config, rows, total, columns, control, signature, suffix, beside)
     return summary
 
@@ -151,7 +152,9 @@ def _kept_figures(config: Config, signature: dict, names: set[str]) -> Summary |
         if path.read_bytes() != text.encode():
             raise sealing.damaged(path, "not what summary.json says", "evaluate")
     written = [csv_path, json_path, *([control_path] if control else [])]
-    return Summary(Outcome(done=rows), lines=_lines(rows, total, columns, control, signature, beside), written=written)
+    return Summary(
+        Outcome(done=rows), lines=_lines(rows, total, columns, control, signature, beside, False), written=written
+    )
 
 
 def _write_tables(
@@ -175,9 +178,14 @@ def _write_tables(
     return written
 
 
-def _lines(rows: dict, total: dict, columns: list, control: dict, signature: dict, beside: dict) -> list[str]:
+def _lines(
+    rows: dict, total: dict, columns: list, control: dict, signature: dict, beside: dict, full: bool
+) -> list[str]:  # fmt: skip
     """The tables as they are printed; that of control where any clip is controlled."""
-    blocks = [tables.format_blocks(rows, total, columns, beside)]
+    if not full:
+        blocks = [tables.format_summary(total, len(rows), columns, beside)]
+    else:
+        blocks = [tables.format_blocks(rows, total, columns, beside)]
     if control:
         cells = [[name, *evaluation.control_cells(row)] for name, own in control.items() for row in own]
         blocks.append("[control]\n" + "\n".join(traces.align([_CONTROL_COLUMNS, *cells], _CONTROL_FIGURES)))
@@ -189,13 +197,13 @@ def _control_path(config: Config) -> Path:
 
 
 def _control_csv(control: Mapping[str, Sequence[Mapping]], signature: Mapping) -> str:
-    """A row per demand, in cm, cm/s and seconds, each ending in what produced it; a bound that is none is `-`."""
+    """A row per demand, in cm, cm/s and seconds, each ending in what produced it; a bound that is none is an empty cell."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["clip", *_CONTROL_KEYS, *signature])
     for name, rows in control.items():
         for row in rows:
-            figures = ("-" if row[key] is None else row[key] for key in _CONTROL_KEYS)
+            figures = ("" if row[key] is None else row[key] for key in _CONTROL_KEYS)
             writer.writerow([name, *figures, *signature.values()])
     return text.getvalue()
 

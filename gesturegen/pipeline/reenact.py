@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gesturegen import __version__, clips, keynodes, submission
+from gesturegen import __version__, clips, keynodes, remembered, submission
 from gesturegen.config import Config
 from gesturegen.errors import DamagedError, DataError
 from gesturegen.graph.reference_frames import ReferenceFrames
@@ -268,6 +268,7 @@ def _refuse_variant(config: Config) -> None:
 def _link_inputs(config: Config, work: Path) -> None:
     """Make the work folder of a variant whole, so that every command works on it: it shares clips and graphs."""
     require_writable(work / "reenact")
+    remembered.write(config, work)
     for name in ("clips", "graphs"):
         target = os.path.relpath(work_path(config, name).resolve(), work.resolve())
         try:

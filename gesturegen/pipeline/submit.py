@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import zipfile
-from functools import partial
+from contextlib import suppress
+from functools import lru_cache, partial
 from pathlib import Path
 
 from gesturegen import files, inputs, recordings, submission
 from gesturegen.config import Config
 from gesturegen.errors import DataError
-from gesturegen.motion import bvh
+from gesturegen.motion import bvh, cleanup
 from gesturegen.motion.skeleton import Skeleton
 from gesturegen.parallel import for_each
 from gesturegen.pipeline.common import Summary, require_writable, work_path
@@ -80,8 +81,25 @@ def _check_clip(
         n_frames = round(len(samples) / rate * config.fps)
     except DataError:
         problems.append(f"{path}: its audio {recording.audio_path} cannot be read, so its length is not checked")
-    found, warnings = submission.check_motion(path, skeletons, n_frames, float(config.fps))
+    found, warnings = submission.check_motion(
+        path, skeletons, n_frames, float(config.fps), partial(_recorded_turns, config.model_dump_json(by_alias=True))
+    )
     return found + problems, warnings
+
+
+@lru_cache(maxsize=1)
+def _recorded_turns(config_json: str) -> dict[str, float]:
+    """The fastest turn of each joint, by name, in the references that can be read, in degrees a second."""
+    config = Config.model_validate_json(config_json)
+    fastest: dict[str, float] = {}
+    for recording in recordings.reference_recordings(config):
+        with suppress(DataError):  # of a broken reference `preprocess` tells
+            motion = cleanup.resample(bvh.read(recording.motion_path), config.fps)
+            for name, turn in zip(
+                motion.skeleton.names, submission.turns_per_second(motion).max(axis=0, initial=0), strict=True
+            ):
+                fastest[name] = max(fastest.get(name, 0.0), float(turn))
+    return fastest
 
 
 def pack(config: Config, jobs: int, quiet: bool) -> Summary:

@@ -1,0 +1,203 @@
+"""The settings that a work folder remembers, in `WORK/config.yaml`.
+
+Commands that make motion write the settings they run with there. Later commands take them from there when they are
+given no others, so that nobody overwrites a good result by forgetting an option. Places of files are kept as seen
+from the work folder, since it may be moved together with the data.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from gesturegen import files, inputs, strict_yaml
+from gesturegen.config import Config, configs_folder, load_config
+from gesturegen.errors import ConfigError, GesturegenError
+
+NAME = "config.yaml"
+RECOMMENDED = "best"
+SETTINGS, PLANS = "settings, for --config of every command", "plans, for --config of `ablate` and `compare`"
+OTHERS = "files that settings name"
+_FOLDERS = ("paths.data", "data.references", "data.tests")
+_PLACES = (*_FOLDERS, "control.library", "refiner.checkpoint", "references.list")
+# What is measured does not change what was made, and a work folder may be moved.
+_HARMLESS = ("paths.work", "evaluation", "keywords.file", "control.file", "gesture_master.rhythm.corrections_file")
+_MOST_KEYS = 6
+
+
+def shipped(name: str | Path) -> Path:
+    """The file that `--config` means: an existing one, or the config of that name that comes with gesturegen.
+
+    Raises ConfigError for neither, with the names that there are.
+    """
+    if inputs.is_file(name) or len(Path(name).parts) != 1 or Path(name).suffix:
+        return Path(name)
+    if inputs.is_file(path := configs_folder() / f"{name}.yaml"):
+        return path
+    names = ", ".join(sorted(path.stem for path in configs_folder().glob("*.yaml")))
+    raise ConfigError(
+        f"{inputs.shown(name)}: neither a file nor a config that comes with gesturegen; those are {names}"
+    )
+
+
+def listing() -> dict[str, list[tuple[str, str]]]:
+    """The configs that come with gesturegen by what they are for: name, and the first sentence of the file."""
+    found: dict[str, list[tuple[str, str]]] = {key: [] for key in (SETTINGS, PLANS, OTHERS)}
+    for path in sorted(configs_folder().glob("*.yaml")):
+        values = strict_yaml.read(path)
+        kind = PLANS if "setups" in values else SETTINGS if values.keys() <= Config.model_fields.keys() else OTHERS
+        found[kind].append((path.stem, _first_sentence(path)))
+    return found
+
+
+def _first_sentence(path: Path) -> str:
+    comment = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            break
+        comment.append(line.lstrip("# "))
+    return re.split(r"(?<!et al)\. ", " ".join(comment))[0].rstrip(".")
+
+
+def load(
+    path: Path | None, overrides: Sequence[str], folders: Mapping[str, str]
+) -> tuple[Config, str | None]:  # fmt: skip
+    """The settings of a command: the given file's, else the work folder's own, else the recommended ones.
+
+    overrides, folders : as in `load_config`. The second value says in one line which settings were taken, None where
+    a file was given. Raises ConfigError.
+    """
+    if path is not None:
+        return load_config(shipped(path), overrides, folders), None
+    kept = _work(overrides, folders) / NAME
+    if inputs.is_file(kept):
+        return load_config(kept, overrides, remembered_folders(overrides, folders)), f"settings: {inputs.shown(kept)}"
+    line = f"settings: {RECOMMENDED}, the recommended ones (--config takes others, `gesturegen configs` lists them)"
+    return load_config(shipped(RECOMMENDED), overrides, folders), line
+
+
+def remembered_folders(overrides: Sequence[str], folders: Mapping[str, str]) -> dict[str, str]:
+    """`folders` with the places that the work folder remembers and that neither `folders` nor `overrides` name."""
+    work = _work(overrides, folders)
+    if not inputs.is_file(work / NAME):
+        return dict(folders)
+    values, _ = strict_yaml.read_mapping(work / NAME, "check the work folder")
+    named = {override.partition("=")[0].strip() for override in overrides} | folders.keys()
+    # Other recordings than the remembered ones are asked for by any of the three.
+    places = _PLACES if named.isdisjoint(_FOLDERS) else tuple(key for key in _PLACES if key not in _FOLDERS)
+    found = {key: _get(values, key) for key in places if key not in named}
+    return {key: _seen_from(work, value) for key, value in found.items() if isinstance(value, str)} | dict(folders)
+
+
+def _work(overrides: Sequence[str], folders: Mapping[str, str]) -> Path:
+    if "paths.work" in folders:
+        return Path(folders["paths.work"])
+    named = [value.strip() for key, _, value in (o.partition("=") for o in overrides) if key.strip() == "paths.work"]
+    return Path(named[-1] if named else Config().paths.work)
+
+
+def _seen_from(work: Path, value: str) -> str:
+    """A kept place as the current folder sees it."""
+    return value if os.path.isabs(value) else os.path.relpath(os.path.join(os.path.realpath(work), value))
+
+
+@contextmanager
+def kept(config: Config, force: bool) -> Iterator[None]:
+    """Write the settings into the work folder for the time after; ConfigError where results of other ones are there.
+
+    When the block is refused before anything was made, a folder that remembered nothing remembers nothing.
+    """
+    work = Path(config.paths.work)
+    path = work / NAME
+    before = path.read_bytes() if inputs.is_file(path) else None
+    text = to_text(config, work)
+    if before != text.encode():
+        if before is not None and not force and inputs.is_file(work / "reenact" / "manifest.json"):
+            _require_same(config)
+        files.write_text(path, text)
+    try:
+        yield
+    except GesturegenError:
+        if before is None and not (work / "clips").exists():
+            path.unlink(missing_ok=True)
+        raise
+
+
+def write(config: Config, work: Path) -> None:
+    """Make another folder remember settings, such as that of a variant."""
+    files.write_text(work / NAME, to_text(config, work))
+
+
+def to_text(config: Config, work: Path) -> str:
+    """All settings as YAML that `load` reads; places as seen from the work folder."""
+    import yaml
+
+    values = _values(config)
+    del values["paths"]["work"]
+    for key in _PLACES:
+        section, name = key.split(".")
+        if (place := values[section][name]) is not None:
+            values[section][name] = Path(os.path.relpath(os.path.realpath(place), os.path.realpath(work))).as_posix()
+    head = (
+        "# The settings of this folder, kept by gesturegen. Later commands take them when they are given no others.\n"
+    )
+    return head + yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=120)
+
+
+def _values(config: Config) -> dict[str, Any]:
+    return json.loads(config.model_dump_json(by_alias=True))
+
+
+def differences(config: Config) -> list[str]:
+    """The settings in which `config` differs from those that its work folder remembers, in words."""
+    path = Path(config.paths.work) / NAME
+    if not inputs.is_file(path):
+        return []
+    folders = {"paths.work": str(path.parent)}
+    there = _flat(_values(load_config(path, (), remembered_folders((), folders))))
+    here = _flat(_values(config))
+    return [
+        f"{key}: {_shown(here.get(key))} (there {_shown(there.get(key))})"
+        for key in sorted(here.keys() | there.keys())
+        if not any(key == harmless or key.startswith(f"{harmless}.") for harmless in _HARMLESS)
+        and _settled(key, here.get(key)) != _settled(key, there.get(key))
+    ]
+
+
+def _require_same(config: Config) -> None:
+    """ConfigError that lists the settings in which `config` differs from the remembered ones."""
+    if differing := differences(config):
+        more = f", and {len(differing) - _MOST_KEYS} more" if len(differing) > _MOST_KEYS else ""
+        raise ConfigError(
+            f"{inputs.shown(config.paths.work)}: holds results of other settings: "
+            f"{', '.join(differing[:_MOST_KEYS])}{more}; give another folder with --work, leave the options out, or add "
+            "--force to make them anew"
+        )
+
+
+def _settled(key: str, value: Any) -> Any:
+    """A value as it is compared: a place by what it leads to."""
+    return os.path.realpath(value) if key in _PLACES and isinstance(value, str) else value
+
+
+def _shown(value: Any) -> str:
+    text = json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        found |= _flat(value, f"{above}{name}.") if isinstance(value, dict) else {f"{above}{name}": value}
+    return found
+
+
+def _get(values: Mapping[str, Any], key: str) -> Any:
+    for name in key.split("."):
+        values = values.get(name) if isinstance(values, dict) else None
+    return values
