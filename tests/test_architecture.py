@@ -14,6 +14,7 @@ ROOMS = [
     {"workspace", "stored", "compiled"},
     {"workers"},
     {"config"},
+    {"remembered"},
     {"motion"},
     {"speech"},
     {"recordings"},
@@ -38,7 +39,7 @@ ROOMS = [
     {"warm_up"},
     {"parallel"},
     {"pipeline"},
-    {"console"},
+    {"console", "api"},
     {"cli"},
     {"__main__"},
 ]

@@ -1,0 +1,217 @@
+"""gesturegen from Python: the same commands, the same bytes.
+
+    import gesturegen as gg
+
+    gesturer = gg.Gesturer().fit([("take.bvh", "take.wav", "take.tsv")])
+    gesture = gesturer.gesture("speech.wav", "speech.tsv")
+    gesture.save("speech.bvh")
+    print(gg.measure(gesture.motion, "speech.wav")["a2m_z"])
+
+Everything that goes wrong with a file or a setting is a `GesturegenError` of one line.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+import weakref
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from gesturegen import clips, evaluation, files, pipeline, remembered, submission, tables
+from gesturegen import export as formats
+from gesturegen.config import Config, load_config
+from gesturegen.errors import ConfigError, DataError
+from gesturegen.extras import need
+from gesturegen.motion import bvh, cleanup
+from gesturegen.motion.skeleton import Motion
+from gesturegen.parallel import describe_bugs
+from gesturegen.pipeline.evaluate import locate_file, read_heard, require_same_joints
+from gesturegen.recordings import Recording
+
+Place = str | os.PathLike[str]
+
+
+def read_motion(path: Place) -> Motion:
+    """Read a BVH file.
+
+    Rotations are local unit quaternions `[shape=(T, J, 4)]`, wxyz; positions are local, `[shape=(T, J, 3)]`, in the
+    unit of the file. Raises DataError with file and line.
+    """
+    return bvh.read(path)
+
+
+def read_speech(
+    audio: Place, transcript: Place | None = None, config: str | Place = remembered.RECOMMENDED
+) -> clips.Speech:
+    """Read a recording of speech and its transcript: its onsets and words on a grid of frames.
+
+    config : file, or name of a config that comes with gesturegen. Raises DataError and ConfigError.
+    """
+    settings = load_config(remembered.shipped(config))
+    recording = Recording(Path(audio).stem, None, Path(audio), transcript and Path(transcript))
+    return clips.prepare(recording, settings, with_motion=False).test_speech(settings)
+
+
+@dataclass(frozen=True, eq=False)
+class Gesture:
+    """A motion that was made for a speech.
+
+    motion : as `read_motion` gives it; trace : what explains every frame of it (README, file formats);
+    notes : what was guessed or given up, a line each; text : the BVH file, byte by byte
+    """
+
+    name: str
+    motion: Motion
+    trace: dict[str, Any]
+    text: bytes = field(repr=False)
+    notes: tuple[str, ...] = ()
+
+    def save(self, path: Place) -> None:
+        """Write the motion as BVH, all or nothing: the bytes that `gesturegen reenact` writes."""
+        files.write_bytes(path, lambda file: file.write(self.text))
+
+    def export(self, path: Place) -> None:
+        """Write the motion as what the file's name ends in: `.bvh`, `.glb` (extra `gltf`), `.csv` or `.npz`.
+
+        Raises ConfigError for any other ending.
+        """
+        place = Path(path)
+        suffix = place.suffix.lower()
+        if suffix == ".bvh":
+            self.save(place)
+        elif suffix == ".glb":
+            need("pygltflib", "gltf")
+            data = formats.to_glb(self.motion, self.name)
+            files.write_bytes(place, lambda file: file.write(data))
+        elif suffix == ".csv":
+            files.write_text(place, formats.to_csv(self.motion))
+        elif suffix == ".npz":
+            files.write_arrays(place, formats.to_arrays(self.motion))
+        else:
+            raise ConfigError(f"{place}: motions are exported as .bvh, .glb, .csv or .npz; give one of these endings")
+
+
+class Gesturer:
+    """Makes gestures for new speech from recordings of a speaker.
+
+    config : file, or name of a config that comes with gesturegen; settings : `{"seed": 1, "onsets.min_strength": 0.4}`,
+    over those of the config; jobs : worker processes, which change no result. Raises ConfigError.
+    """
+
+    def __init__(
+        self,
+        config: str | Place = remembered.RECOMMENDED,
+        settings: Mapping[str, object] | None = None,
+        jobs: int = 1,
+    ):
+        self._folder = Path(tempfile.mkdtemp(prefix="gesturegen-"))
+        # Nothing of it is left when the object goes.
+        self._finalizer = weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
+        places = {"paths.work": "work", "data.references": "references", "data.tests": "speeches"}
+        for folder in places.values():
+            (self._folder / folder).mkdir()
+        overrides = ["references.mode=all", *(f"{key}={json.dumps(value)}" for key, value in (settings or {}).items())]
+        self.config: Config = load_config(
+            remembered.shipped(config), overrides, {key: str(self._folder / name) for key, name in places.items()}
+        )
+        self.jobs = jobs
+        self.notes: tuple[str, ...] = ()
+        self._fitted = False
+        # Where the files stand that were given.
+        self._files: dict[Path, Path] = {}
+
+    def fit(self, recordings: Sequence[Sequence[Place | None]]) -> Gesturer:
+        """Learn from recordings: `(bvh, wav)` or `(bvh, wav, tsv)` each; all of them serve every speech.
+
+        What was guessed or left out is kept in `notes`. Returns itself. Raises DataError.
+        """
+        if not recordings:
+            raise DataError("no recordings were given; give at least one (bvh, wav) or (bvh, wav, tsv)")
+        self._fitted = False
+        self._place("references", recordings)
+        self._fitted = True
+        return self
+
+    def gesture(self, audio: Place, transcript: Place | None = None) -> Gesture:
+        """Make the gestures for a speech, of `round(seconds * fps)` frames. Raises DataError."""
+        if not self._fitted:
+            raise DataError("there are no recordings to gesture from; call `fit` first")
+        self._place("speeches", [(audio, transcript)])
+        name = Path(audio).stem
+        notes: list[str] = []
+        for command in (pipeline.preprocess, pipeline.build_graphs, pipeline.reenact):
+            try:
+                summary = command(self.config, self.jobs, True, reuse=True)
+            except DataError as error:
+                raise type(error)(self._as_given(str(error))) from None
+            if summary.outcome.bugs:
+                raise RuntimeError("\n".join(describe_bugs(summary.outcome.bugs)))
+            if summary.outcome.errors:
+                raise DataError(self._as_given("\n".join(summary.outcome.errors.values())))
+            notes += [self._as_given(f"{clip}: {note}") for clip, note in summary.warnings]
+        self.notes = tuple(notes)
+        folder = self._folder / "work/reenact"
+        path = folder / f"{name}.bvh"
+        trace = submission.read_trace(folder / f"{name}.trace.json")
+        return Gesture(name, bvh.read(path), trace, path.read_bytes(), self.notes)
+
+    def _as_given(self, text: str) -> str:
+        """A message with the names of the files that were given, in place of ours."""
+        for place, file in self._files.items():
+            text = text.replace(str(place), str(file))
+        return text
+
+    def _place(self, folder: str, recordings: Sequence[Sequence[Place | None]]) -> None:
+        """Put files beside each other under one name, as a folder of a dataset has them."""
+        target = self._folder / folder
+        self._files = {place: file for place, file in self._files.items() if place.parent != target}
+        for old in sorted(target.iterdir()):
+            old.unlink()
+        names: set[str] = set()
+        for recording in recordings:
+            given = [Path(file) for file in recording if file is not None]
+            if missing := [file for file in given if not file.is_file()]:
+                raise DataError(f"{missing[0]}: no such file")
+            name = given[0].stem
+            if name in names:
+                raise DataError(f"{given[0]}: two recordings are called {name}; rename one")
+            names.add(name)
+            for file in given:
+                place = target / f"{name}{file.suffix.lower()}"
+                self._files[place] = file
+                try:
+                    place.symlink_to(file.resolve())
+                except OSError:  # where there are no links
+                    shutil.copyfile(file, place)
+
+
+def measure(
+    motion: Motion | Place, audio: Place, truth: Motion | Place | None = None,
+    config: str | Place = remembered.RECOMMENDED,
+) -> dict[str, float | None]:  # fmt: skip
+    """Measure a motion with its speech, of any system, as `gesturegen evaluate --bvh` does.
+
+    truth : the true motion of that speech. Returns the figures by their names in `metrics.csv`; None where there is
+    none. Raises DataError and ConfigError.
+    """
+    settings = load_config(remembered.shipped(config))
+    found = _joints(motion, settings)
+    true = None if truth is None else _joints(truth, settings)
+    if true is not None:
+        require_same_joints("truth", true, found)
+    row = evaluation.measure_clip(
+        found, settings, read_heard(Path(audio), settings), true, None, None, evaluation.NAN, []
+    )
+    pairs = ([found], [true]) if true is not None else ([], [])
+    return tables.json_figures(evaluation.totals([row], *pairs, settings))
+
+
+def _joints(motion: Motion | Place, config: Config) -> evaluation.Joints:
+    if not isinstance(motion, Motion):
+        return locate_file(Path(motion), config)
+    return evaluation.locate(cleanup.resample(motion, config.fps), config)
