@@ -30,6 +30,8 @@ MOST_TIMES_RECORDED = 1.1
 # Below this nothing moves: a written file has six decimals.
 STILL_DEGREES, STILL_DISTANCE = 1e-3, 1e-5
 STILL_SECONDS = 1.0
+# Of a stretch without motion, what may fall into speech; nobody who speaks stands like a statue for longer.
+STILL_WHILE_SPEAKING_SECONDS = 2.0
 # Before the name of a gesture of a library (`control.gestures`) among the references of a trace.
 GESTURE_PREFIX = "gesture:"
 
@@ -281,13 +283,14 @@ def describe_failure(stuck: Mapping, fps: float) -> str:
 
 def check_motion(
     path: Path, skeletons: Sequence[Skeleton], n_frames: int | None, fps: float,
-    recorded_turns: Callable[[], Mapping[str, float]] = dict,
+    recorded_turns: Callable[[], Mapping[str, float]] = dict, speaking: Callable[[], np.ndarray | None] = lambda: None,
 ) -> tuple[list[str], list[str]]:  # fmt: skip
     """What is wrong with a BVH file as a challenge submission, and what is odd, one line each.
 
     skeletons : those of the training data, one of which it must have; n_frames : of its speech, None where
     unknown; recorded_turns : gives the fastest turn of each joint in the training data, in degrees a second; it is
-    called only when one turns faster than bodies do. Raises nothing: a file that cannot be read is one of the problems.
+    called only when one turns faster than bodies do; speaking : gives the frames in which the speech goes on, bool
+    `[shape=(n_frames,)]`, None where unknown, and is called only when there is a stretch without motion. Raises nothing: a file that cannot be read is one of the problems.
     """
     if not path.is_file():
         return [f"{path}: missing"], []
@@ -303,7 +306,8 @@ def check_motion(
         problems.append(f"{path}: {motion.n_frames} frames, the speech has {n_frames}")
     if motion.fps != fps:
         problems.append(f"{path}: {motion.fps:g} fps, expected {fps:g}")
-    return problems + _torn_frames(path, motion, recorded_turns), _still_stretches(path, motion)
+    standing, warnings = _still_stretches(path, motion, speaking)
+    return problems + _torn_frames(path, motion, recorded_turns) + standing, warnings
 
 
 def turns_per_second(motion: Motion) -> np.ndarray:
@@ -326,13 +330,21 @@ def _torn_frames(path: Path, motion: Motion, recorded_turns: Callable[[], Mappin
     return found
 
 
-def _still_stretches(path: Path, motion: Motion) -> list[str]:
-    """Stretches of over a second in which no channel changes."""
+def _still_stretches(
+    path: Path, motion: Motion, speaking: Callable[[], np.ndarray | None]
+) -> tuple[list[str], list[str]]:
+    """Stretches of over a second in which no channel changes: those in which the speech goes on, and the others."""
     turns = np.degrees(rotation.angle_between(motion.rotations[:-1], motion.rotations[1:]))
     moves = np.abs(np.diff(motion.positions, axis=0))
     still = (turns < STILL_DEGREES).all(axis=1) & (moves < STILL_DISTANCE).all(axis=(1, 2))
-    return [
-        f"{path}: frames {start} to {end}: no motion for {(end - start) / motion.fps:.1f} s"
-        for start, end in runs(still).tolist()
-        if end - start > STILL_SECONDS * motion.fps
-    ]
+    stretches = [(a, b) for a, b in runs(still).tolist() if b - a > STILL_SECONDS * motion.fps]
+    spoken = speaking() if stretches else None
+    problems, warnings = [], []
+    for start, end in stretches:
+        line = f"{path}: frames {start} to {end}: no motion for {(end - start) / motion.fps:.1f} s"
+        seconds = 0.0 if spoken is None else float(spoken[start:end].sum()) / motion.fps
+        if seconds > STILL_WHILE_SPEAKING_SECONDS:
+            problems.append(f"{line}, in {seconds:.1f} s of which the speech goes on")
+        else:
+            warnings.append(line)
+    return problems, warnings

@@ -107,6 +107,21 @@ def test_a_frozen_stretch_is_a_warning(tmp_path):
     assert problems == [] and "frames 10 to 44: no motion for 1.1 s" in warning
 
 
+@pytest.mark.parametrize(("spoken", "fails"), [(range(90), True), (range(71), True), (range(70), False), ((), False)])
+def test_who_speaks_does_not_stand_still(spoken, fails, tmp_path):
+    """Of 75 frames without motion from frame 9 on; 2 s of speech, 60 frames, are the most."""
+    motion = smooth(chain(3), 60)
+    bvh.write(tmp_path / "a.bvh", motion.take([*range(10), *[10] * 75, *range(11, 26)]))
+    speaking = np.isin(np.arange(100), [*spoken])
+    problems, warnings = submission.check_motion(
+        tmp_path / "a.bvh", [motion.skeleton], 100, 30.0, speaking=lambda: speaking
+    )
+    assert (len(problems), len(warnings)) == ((1, 0) if fails else (0, 1))
+    assert not fails or re.search(
+        r"frames 10 to 84: no motion for 2\.5 s, in 2\.\d s of which the speech goes on", problems[0]
+    )
+
+
 def test_a_pause_of_a_second_is_no_stretch(tmp_path):
     motion = smooth(chain(3), 60)
     bvh.write(tmp_path / "a.bvh", motion.take([*range(10), *[10] * 31, *range(11, 30)]))

@@ -7,13 +7,15 @@ from contextlib import suppress
 from functools import lru_cache, partial
 from pathlib import Path
 
-from gesturegen import files, inputs, recordings, submission
+import numpy as np
+
+from gesturegen import clips, files, inputs, keynodes, recordings, submission
 from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.motion import bvh, cleanup
 from gesturegen.motion.skeleton import Skeleton
 from gesturegen.parallel import for_each
-from gesturegen.pipeline.common import Summary, require_writable, work_path
+from gesturegen.pipeline.common import Summary, clip_path, require_writable, work_path
 from gesturegen.speech import audio
 
 
@@ -82,9 +84,21 @@ def _check_clip(
     except DataError:
         problems.append(f"{path}: its audio {recording.audio_path} cannot be read, so its length is not checked")
     found, warnings = submission.check_motion(
-        path, skeletons, n_frames, float(config.fps), partial(_recorded_turns, config.model_dump_json(by_alias=True))
-    )
+        path, skeletons, n_frames, float(config.fps), partial(_recorded_turns, config.model_dump_json(by_alias=True)),
+        partial(_speaking, recording, config),
+    )  # fmt: skip
     return found + problems, warnings
+
+
+def _speaking(recording: recordings.Recording, config: Config) -> np.ndarray | None:
+    """In which frames a test speech goes on; None where it cannot be read."""
+    try:
+        stored = clip_path(config, recording.name)
+        clip = clips.load_if_current(stored, config, clips.input_digest(recording), False) if stored.is_file() else None
+        speech = (clip or clips.prepare(recording, config, with_motion=False)).test_speech(config)
+    except DataError:
+        return None
+    return keynodes.speaking(speech, config.pauses)
 
 
 @lru_cache(maxsize=1)
