@@ -22,7 +22,7 @@ def data(tmp_path_factory):
 
 
 def run_command(data, work, jobs, *more):
-    return "-m", "gesturegen", "run", "--data", data, "--work", work, "-j", jobs, "--quiet", *more
+    return "-m", "gesturegen", "run", "--data", data, "--work", work, "-j", jobs, "--quiet", "--config", "casia_go_2023", *more
 
 
 def await_file(process, work, pattern):
@@ -86,7 +86,7 @@ def test_two_runs_in_one_folder_do_not_mix(data, tmp_path):
             _, refused = second.communicate()
         assert second.returncode == 1 and refused.count("\n") == 1, refused
         assert f"(process {first.pid}, since " in refused and "in use by `gesturegen run --data" in refused
-        with started(*run_command(data, work, 2, "--set", "seed=9", "--wait")) as second:
+        with started(*run_command(data, work, 2, "--set", "seed=9", "--wait", "--force")) as second:
             assert second.communicate() == ("", "")
         assert first.wait(PATIENCE) == 0 and second.returncode == 0
     succeed(*run_command(data, other, 1, "--set", "seed=9")[2:])
