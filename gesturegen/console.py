@@ -183,7 +183,7 @@ def run_and_print(
     with one_line_errors(), workspace.locked(writes, _command_line(context), context.meta.get("wait", False), say):
         from gesturegen import pipeline
 
-        with _remembering(context):
+        with _remembering(context, say):
             summary = work(pipeline)
     if not quiet:
         for clip, note in summary.warnings[:_MOST_WARNINGS]:
@@ -212,13 +212,13 @@ def _work_of(context: click.Context) -> Path:
     return context.meta.get("work") or context.params.get("folder") or Path("out")
 
 
-def _remembering(context: click.Context) -> AbstractContextManager[None]:
+def _remembering(context: click.Context, say: Callable[[str], None]) -> AbstractContextManager[None]:
     """What makes the work folder remember the settings of a command that makes motion, as far as it does."""
     if "settings" not in context.meta:
         return nullcontext()
     from gesturegen import remembered
 
-    return remembered.kept(context.meta["settings"], context.meta["force"])
+    return remembered.kept(context.meta["settings"], context.meta["force"], say)
 
 
 def _command_line(context: click.Context) -> str:

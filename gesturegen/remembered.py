@@ -7,10 +7,11 @@ from the work folder, since it may be moved together with the data.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from gesturegen.config import Config, configs_folder, load_config
 from gesturegen.errors import ConfigError, GesturegenError
 
 NAME = "config.yaml"
+_CHECKSUM = "# sha256: "
 RECOMMENDED = "best"
 SETTINGS, PLANS = "settings, for --config of every command", "plans, for --config of `ablate` and `compare`"
 OTHERS = "files that settings name"
@@ -76,6 +78,10 @@ def load(
         return load_config(shipped(path), overrides, folders), None
     kept = _work(overrides, folders) / NAME
     if inputs.is_file(kept):
+        if not _is_whole(kept):
+            raise ConfigError(
+                f"{inputs.shown(kept)}: not as it was written; give the settings with --config, or delete the file"
+            )
         return load_config(kept, overrides, remembered_folders(overrides, folders)), f"settings: {inputs.shown(kept)}"
     line = f"settings: {RECOMMENDED}, the recommended ones (--config takes others, `gesturegen configs` lists them)"
     return load_config(shipped(RECOMMENDED), overrides, folders), line
@@ -84,7 +90,7 @@ def load(
 def remembered_folders(overrides: Sequence[str], folders: Mapping[str, str]) -> dict[str, str]:
     """`folders` with the places that the work folder remembers and that neither `folders` nor `overrides` name."""
     work = _work(overrides, folders)
-    if not inputs.is_file(work / NAME):
+    if not inputs.is_file(work / NAME) or not _is_whole(work / NAME):
         return dict(folders)
     values, _ = strict_yaml.read_mapping(work / NAME, "check the work folder")
     named = {override.partition("=")[0].strip() for override in overrides} | folders.keys()
@@ -106,9 +112,17 @@ def _seen_from(work: Path, value: str) -> str:
     return value if os.path.isabs(value) else os.path.relpath(os.path.join(os.path.realpath(work), value))
 
 
+def _is_whole(path: Path) -> bool:
+    """Whether a file of remembered settings is as it was written."""
+    text, sign, checksum = inputs.read_bytes(path, strict_yaml.MOST_BYTES, ConfigError).rpartition(_CHECKSUM.encode())
+    return bool(sign) and checksum.strip() == hashlib.sha256(text).hexdigest().encode()
+
+
 @contextmanager
-def kept(config: Config, force: bool) -> Iterator[None]:
+def kept(config: Config, force: bool, say: Callable[[str], None]) -> Iterator[None]:
     """Write the settings into the work folder for the time after; ConfigError where results of other ones are there.
+
+    say : is given a line for a damaged file that is written anew.
 
     When the block is refused before anything was made, a folder that remembered nothing remembers nothing.
     """
@@ -117,7 +131,9 @@ def kept(config: Config, force: bool) -> Iterator[None]:
     before = path.read_bytes() if inputs.is_file(path) else None
     text = to_text(config, work)
     if before != text.encode():
-        if before is not None and not force and inputs.is_file(work / "reenact" / "manifest.json"):
+        if before is not None and not _is_whole(path):
+            say(f"warning: {inputs.shown(path)}: not as it was written; written anew with the settings of this command")
+        elif before is not None and not force and inputs.is_file(work / "reenact" / "manifest.json"):
             _require_same(config)
         files.write_text(path, text)
     try:
@@ -146,7 +162,8 @@ def to_text(config: Config, work: Path) -> str:
     head = (
         "# The settings of this folder, kept by gesturegen. Later commands take them when they are given no others.\n"
     )
-    return head + yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=120)
+    text = head + yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=120)
+    return f"{text}{_CHECKSUM}{hashlib.sha256(text.encode()).hexdigest()}\n"
 
 
 def _values(config: Config) -> dict[str, Any]:
@@ -156,7 +173,7 @@ def _values(config: Config) -> dict[str, Any]:
 def differences(config: Config) -> list[str]:
     """The settings in which `config` differs from those that its work folder remembers, in words."""
     path = Path(config.paths.work) / NAME
-    if not inputs.is_file(path):
+    if not inputs.is_file(path) or not _is_whole(path):
         return []
     folders = {"paths.work": str(path.parent)}
     there = _flat(_values(load_config(path, (), remembered_folders((), folders))))

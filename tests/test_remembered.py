@@ -82,6 +82,21 @@ def test_results_of_other_settings_are_not_overwritten(data, tmp_path):
     assert remembered.load(None, (), {"paths.work": str(work)})[0].seed == 3
 
 
+def test_damaged_settings_are_named_and_written_anew(data, tmp_path):
+    work = tmp_path / "work"
+    first = ("preprocess", "--config", "casia_go_2023", "--data", data, "--work", work, "-j", 1)
+    assert go(*first).exit_code == 0
+    path = work / "config.yaml"
+    whole = path.read_bytes()
+    for damaged in (whole.replace(b"seed: 0", b"seed: 1"), whole[:-9], b""):
+        path.write_bytes(damaged)
+        result = go("build-graph", "--work", work)
+        assert result.exit_code == 1 and "config.yaml: not as it was written; give the settings" in result.stderr
+        result = go(*first)
+        assert result.exit_code == 0 and "config.yaml: not as it was written; written anew" in result.stderr
+        assert path.read_bytes() == whole
+
+
 def test_a_refused_command_leaves_nothing_to_remember(tmp_path):
     result = go("preprocess", "--data", tmp_path / "none", "--work", tmp_path / "work")
     assert result.exit_code == 1 and not (tmp_path / "work/config.yaml").exists()

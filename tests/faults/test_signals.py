@@ -22,7 +22,21 @@ def data(tmp_path_factory):
 
 
 def run_command(data, work, jobs, *more):
-    return "-m", "gesturegen", "run", "--data", data, "--work", work, "-j", jobs, "--quiet", "--config", "casia_go_2023", *more
+    return (
+        "-m",
+        "gesturegen",
+        "run",
+        "--data",
+        data,
+        "--work",
+        work,
+        "-j",
+        jobs,
+        "--quiet",
+        "--config",
+        "casia_go_2023",
+        *more,
+    )
 
 
 def await_file(process, work, pattern):
