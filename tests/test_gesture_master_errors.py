@@ -143,10 +143,10 @@ def test_a_correction_of_a_start_that_no_clip_has(data, tmp_path):
     assert "no gesture clip of trn_b starts at 0.31 s; the nearest starts at 0.00" in line
 
 
-def test_a_correction_of_no_recording_is_a_warning(whole_data, built, work, tmp_path):
+def test_a_correction_of_no_recording_is_refused(whole_data, built, work, tmp_path):
     result = command("build-graph", whole_data, work, *corrections(tmp_path, f"trn_z,0.0,{'01' * 16}"))
-    assert result.exit_code == 0
-    assert "corrections: 'trn_z' is none of these references; check its spelling" in result.output
+    assert result.exit_code == 1
+    assert "rhythm.corrections: 'trn_z' matches no reference clip; did you mean 'trn_c'?" in result.output
     (own,), (before,) = (np.load(database(place))["rhythms"][None] for place in (work, built))
     assert (own == before).all()
 

@@ -1,0 +1,158 @@
+"""Transcripts in whatever form people have them: recognised by ending and content, read strictly, told in one line.
+
+A format is one line in `FORMATS`: its name, the endings of its files, whether a text is of it, and its reader.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from gesturegen import inputs
+from gesturegen.errors import DataError
+from gesturegen.speech import alignment
+from gesturegen.speech.transcript import Word, fit, tokens
+from gesturegen.speech.transcripts import ctm, delimited, plain, subtitles, textgrids, word_json
+from gesturegen.speech.transcripts.source import MOST_BYTES, Format, NotATranscript, Source
+
+# Where a clip has several, the first is read: from times of words over times of cues to no times.
+FORMATS = (
+    Format("table", (".tsv",), delimited.is_table, delimited.read),
+    Format("Praat TextGrid", (".textgrid",), textgrids.is_textgrid, textgrids.read),
+    Format("CTM", (".ctm",), ctm.is_ctm, ctm.read),
+    Format("JSON", (".json",), word_json.is_json, word_json.read, certain=False),
+    Format("table", (".csv",), delimited.is_table, delimited.read, certain=False),
+    Format("WebVTT", (".vtt",), subtitles.is_vtt, subtitles.read),
+    Format("SRT", (".srt",), subtitles.is_srt, subtitles.read),
+    Format("text without times", (".txt", ".lab"), plain.is_text, None, certain=False),
+)
+_TEXT = FORMATS[-1]
+EXTENSIONS = tuple(extension for one in FORMATS for extension in one.extensions)
+# Files with these endings are transcripts, whatever lies beside them.
+CERTAIN = tuple(extension for one in FORMATS if one.certain for extension in one.extensions)
+WITHOUT_TIMES = _TEXT.extensions
+_LFS = "version https://git-lfs"
+
+
+def read(
+    path: str | Path, duration: float, sound: tuple[np.ndarray, int] | None = None
+) -> tuple[tuple[Word, ...], list[str]]:
+    """Words of a transcript in order of time, and what was recognised, converted, guessed or odd, one line each.
+
+    duration : of the recording in seconds
+    sound : mono samples and their rate in Hz, with which a text without times is aligned
+    Words outside 0 to `duration` are dropped, words across its ends are clipped; words that end before they start
+    are dropped. Raises DataError with the line for anything that cannot be right, and NotATranscript for a file of
+    an ending that others share, such as `.json`, that holds something else.
+    """
+    path = Path(path)
+    text, encoding = _decoded(path, inputs.read_bytes(path, MOST_BYTES))
+    source = Source(path, text, duration)
+    if not text.strip():
+        return (), [f"{path.name}: the transcript is empty, so there are no keywords", *_encoding_note(path, encoding)]
+    format_ = _recognised(source)
+    if format_ is _TEXT:
+        words, notes = _aligned(source, sound)
+        return words, [*notes, *_encoding_note(path, encoding)]
+    found = format_.read(source)
+    words, odd = fit(found.cells, duration, found.by_syllables)
+    meant = sum(len(tokens(cell.text)) for cell in found.cells)
+    if meant and not words:
+        raise source.error(
+            f"all of its {meant} words lie outside the audio of {duration:.1f} s or end before they start; "
+            "give the transcript of this recording, in seconds"
+        )
+    notes = _read_as(path, format_, found.read_as, encoding)
+    notes += [f"{path.name}: {what}: {count}" for what, count in (found.dropped | odd).items()]
+    if not meant:
+        notes.append(f"{path.name}: the transcript is empty, so there are no keywords")
+    return words, notes
+
+
+def _read_as(path: Path, format_: Format, details: Sequence[str], encoding: str) -> list[str]:
+    """A line on what a file was taken for, if it is not our TSV as it should be."""
+    own = path.suffix.lower() in format_.extensions
+    if own and format_.name == "table" and path.suffix.lower() == ".tsv" and not details:
+        return _encoding_note(path, encoding)
+    name = f"a {format_.name}" if format_.name == "table" else format_.name
+    described = f"{name} with {', '.join(details)}" if details else name
+    described += "" if own else ", whatever its ending says"
+    described += {"utf-16": ", in UTF-16", "latin-1": ", in Latin-1 (it is not UTF-8)"}.get(encoding, "")
+    return [f"{path.name}: read as {described}"]
+
+
+def align(path: str | Path, samples: np.ndarray, rate: int) -> alignment.Aligned:
+    """The words of a text without times, as written, with the times at which they are said in mono `samples`.
+
+    DataError for a text that has times, or none, and as by `alignment.align`.
+    """
+    path = Path(path)
+    text, _ = _decoded(path, inputs.read_bytes(path, MOST_BYTES))
+    source = Source(path, text, len(samples) / rate)
+    if text.strip() and _recognised(source) is not _TEXT:
+        raise source.error("has times already, so there is nothing to align; it is read as it is")
+    words, _ = plain.words(source)
+    if not words:
+        raise source.error("no word in it; write down what is said")
+    return alignment.align(words, samples, rate, inputs.shown(path))
+
+
+def _recognised(source: Source) -> Format:
+    """The format of a text: that of its ending if it looks so, else the first that it looks like."""
+    ending = source.path.suffix.lower()
+    own = [one for one in FORMATS if ending in one.extensions]
+    # A text without times is whatever is nothing else.
+    others = [one for one in FORMATS if one not in own and one is not _TEXT]
+    for one in [*others, *own] if own == [_TEXT] else [*own, *others]:
+        if one.holds(source.text):
+            return one
+    if own and own[0].certain:
+        return own[0]  # whose reader says in which line it is none
+    raise NotATranscript(f"{inputs.shown(source.path)}: neither words with times nor a text, so no transcript")
+
+
+def _decoded(path: Path, raw: bytes) -> tuple[str, str]:
+    """The text of a file and its encoding; DataError for what is no text."""
+    encoding = "utf-8-sig"
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+        encoding = "utf-16"
+    elif b"\0" in raw[:200]:
+        half = len(raw[:200]) // 2 * 0.9
+        encoding = next(
+            (name for name, at in (("utf-16-le", 1), ("utf-16-be", 0)) if raw[at:200:2].count(0) >= half), encoding
+        )
+    try:
+        text = raw.decode(encoding)
+    except UnicodeDecodeError:
+        if encoding != "utf-8-sig":
+            raise DataError(f"{inputs.shown(path)}: damaged text in UTF-16; save it again as UTF-8") from None
+        text, encoding = raw.decode("latin-1"), "latin-1"
+    if text.startswith(_LFS):
+        raise DataError(f"{inputs.shown(path)}: a Git LFS pointer, not the file itself; run `git lfs pull`")
+    if "\0" in text:
+        raise DataError(f"{inputs.shown(path)}: binary data, not a transcript; expected start<TAB>end<TAB>text lines")
+    return text.removeprefix("\ufeff"), "utf-16" if encoding.startswith("utf-16") else encoding
+
+
+def _encoding_note(path: Path, encoding: str) -> list[str]:
+    return {
+        "latin-1": [f"{path.name}: not UTF-8, read as Latin-1"],
+        "utf-16": [f"{path.name}: read as UTF-16"],
+    }.get(encoding, [])
+
+
+def _aligned(source: Source, sound: tuple[np.ndarray, int] | None) -> tuple[tuple[Word, ...], list[str]]:
+    """A text without times, aligned; without words, and with a note, where that cannot be done here."""
+    name = source.path.name
+    written, marks = plain.words(source)
+    missing = alignment.missing()
+    if sound is None or missing is not None:
+        what = missing or "run `gesturegen align`"
+        return (), [f"{name}: a text without times, so its words are not used; {what}"]
+    found = alignment.align(written, *sound, what=inputs.shown(source.path))
+    words, odd = fit(found.cells, source.duration)
+    notes = [f"{name}: a text without times, aligned with the sound{found.described()}"]
+    odd |= {"marks such as [laughter], passed over": marks} if marks else {}
+    return words, [*notes, *(f"{name}: {what}: {count}" for what, count in odd.items())]
