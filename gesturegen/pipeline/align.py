@@ -15,9 +15,7 @@ from gesturegen.recordings import Recording
 from gesturegen.speech import alignment, audio, transcripts
 from gesturegen.speech.transcript import Cell
 
-_QUALITY = (
-    "of real speech about every third word is wrong: correct the words, or take a better recogniser; do not use them as they are"
-)
+_QUALITY = "of real speech about every third word is wrong: correct the words, or take a better recogniser; do not use them as they are"
 
 
 def align(paths: Sequence[Path], output: Path | None, force: bool, jobs: int, quiet: bool) -> Summary:

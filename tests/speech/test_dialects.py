@@ -229,10 +229,11 @@ def test_one_wrong_row_is_no_other_dialect(tmp_path):
     assert len(words) == len(WORDS) and notes == ["a.tsv: words that end before they start, dropped: 1"]
     path = write(tmp_path, "a.tsv", TSV + "100\t200\tbeyond\n")
     assert transcripts.read(path, DURATION)[1] == ["a.tsv: words outside the audio, dropped: 1"]
+    words, notes = transcripts.read(write(tmp_path, "a.tsv", "100.5\t101\thi\n102\t103\tyou\n"), DURATION)
+    assert words == () and "no word of it lies in the audio of 6.0 s; is it another recording's?" in notes[-1]
 
 
 REFUSED = {
-    "all beyond the audio": ("a.tsv", "100.5\t101\thi\n102\t103\tyou\n", "all of its 2 words lie outside the audio of 6.0 s"),
     "both kinds of decimals": ("a.tsv", "0.1\t0.3\ta\n0,4\t0,5\tb\n", "decimal commas and decimal points"),
     "TextGrid cut off": ("a.TextGrid", long_textgrid([("words", WORDS)])[:300], "damaged or no TextGrid|no tier"),
     "TextGrid of phones and more": ("a.TextGrid", long_textgrid([("x", WORDS), ("y", WORDS)]), "which tier holds the words"),

@@ -231,14 +231,9 @@ COUNT = {"a": 1, "B!": 1, "one two": 2, "###": 0, "x # y z": 3}
 def test_every_word_is_kept_in_order_inside_the_audio_or_counted(tmp_path_factory, cells):
     path = tmp_path_factory.mktemp("tsv") / "clip.tsv"
     path.write_text("".join(f"{start}\t{end}\t{text}\n" for start, end, text in cells))
-    total = sum(COUNT[text] for _, _, text in cells)
-    try:
-        words, notes = transcripts.read(path, 10.0)
-    except DataError as error:
-        assert f"all of its {total} words lie outside the audio" in str(error)
-        return
+    words, notes = transcripts.read(path, 10.0)
     dropped = sum(int(note.split()[-1]) for note in notes if "dropped" in note)
-    assert len(words) + dropped == total
+    assert len(words) + dropped == sum(COUNT[text] for _, _, text in cells)
     assert all(0 <= word.start <= word.end <= 10 and word.start < 10 for word in words)
     assert [word.start for word in words] == sorted(word.start for word in words)
 

@@ -59,13 +59,10 @@ def read(
     found = format_.read(source)
     words, odd = fit(found.cells, duration, found.by_syllables)
     meant = sum(len(tokens(cell.text)) for cell in found.cells)
-    if meant and not words:
-        raise source.error(
-            f"all of its {meant} words lie outside the audio of {duration:.1f} s or end before they start; "
-            "give the transcript of this recording, in seconds"
-        )
     notes = _read_as(path, format_, found.read_as, encoding)
     notes += [f"{path.name}: {what}: {count}" for what, count in (found.dropped | odd).items()]
+    if meant and not words:
+        notes.append(f"{path.name}: no word of it lies in the audio of {duration:.1f} s; is it another recording's?")
     if not meant:
         notes.append(f"{path.name}: the transcript is empty, so there are no keywords")
     return words, notes
