@@ -29,6 +29,8 @@ _FRAMES_PER_SECOND = 100
 _BEAMS = ({}, {"beam": 1e-80, "wbeam": 1e-60, "pbeam": 1e-80}, {"beam": 1e-120, "wbeam": 1e-100, "pbeam": 1e-120})
 # A text of so few words a minute may lack some that are said.
 _FEW_WORDS_A_MINUTE = 60
+# Longer recordings are aligned in pieces, each with the next so many words; of the end of a piece little is sure.
+_LONG_SECONDS, _PIECE_SECONDS, _UNSURE_SECONDS, _MOST_WORDS = 100.0, 60.0, 10.0, 300
 _MOST_NAMED = 8
 # What pocketsphinx adds to a word's second, third, ... pronunciation.
 _ALTERNATIVE = re.compile(r"\([0-9]+\)$")
@@ -152,21 +154,56 @@ def _decoder(words: Sequence[str], beams: dict[str, float]):
 
 
 def _times(decoder, entries: Sequence[str], pcm: bytes) -> list[tuple[float, float]] | None:
-    """Start and end of each entry in seconds; None where the decoder does not come to the end of the text."""
+    """Start and end of each entry in seconds; None where the decoder does not come to the end of the text.
+
+    A text of many words takes a time in proportion to its square, so a long recording is aligned piece by piece: of each
+    piece with more text than it can hold, all is kept but the end, where the next one begins.
+    """
+    found: list[tuple[float, float]] = []
+    begin, seconds = 0.0, len(pcm) / (2 * RATE)
+    while seconds - begin > _LONG_SECONDS:
+        following = entries[len(found) : len(found) + _MOST_WORDS]
+        own = _segments(decoder, following, pcm[_byte(begin) : _byte(begin + _PIECE_SECONDS)], whole=False)
+        kept = [(start, end) for start, end in own or () if end <= _PIECE_SECONDS - _UNSURE_SECONDS]
+        if not kept or len(found) + len(kept) == len(entries):
+            break  # silence, or the end of the text
+        found += [(begin + start, begin + end) for start, end in kept]
+        begin = found[-1][1]
+    rest = _segments(decoder, entries[len(found) :], pcm[_byte(begin) :], whole=True)
+    return None if rest is None else found + [(begin + start, begin + end) for start, end in rest]
+
+
+def _byte(seconds: float) -> int:
+    return 2 * round(seconds * RATE)
+
+
+def _segments(decoder, entries: Sequence[str], pcm: bytes, whole: bool) -> list[tuple[float, float]] | None:
+    """Start and end in seconds of all entries, or, where the sound need not be that of the `whole` text, of the first."""
     decoder.set_align_text(" ".join(entries))
     decoder.start_utt()
     decoder.process_raw(pcm, no_search=False, full_utt=True)
+    # Before its end, an utterance has the best path so far.
+    read = None if whole else _read(decoder)
     decoder.end_utt()
+    read = _read(decoder) if whole else read
+    if (
+        read is None
+        or [word for word, _, _ in read] != list(entries)[: len(read)]
+        or (whole and len(read) < len(entries))
+    ):
+        return None
+    return [(start / _FRAMES_PER_SECOND, end / _FRAMES_PER_SECOND) for _, start, end in read]
+
+
+def _read(decoder) -> list[tuple[str, int, int]] | None:
+    """Entries with their first frame and the one after their last, as the decoder has them."""
     if decoder.hyp() is None:
         return None
-    found = [
+    return [
         (_ALTERNATIVE.sub("", segment.word), segment.start_frame, segment.end_frame + 1)
         for segment in decoder.seg() or ()
         if not segment.word.startswith(("<", "[", "("))
     ]
-    if [word for word, _, _ in found] != list(entries):
-        return None
-    return [(start / _FRAMES_PER_SECOND, end / _FRAMES_PER_SECOND) for _, start, end in found]
 
 
 def _all(

@@ -72,6 +72,19 @@ def test_real_speech_is_aligned_to_a_tenth_of_a_second():
 
 
 @pytest.mark.slow
+def test_long_speech_is_aligned_in_pieces():
+    pytest.importorskip("pocketsphinx")
+    samples, rate, words = real("acoustic_corpus")
+    seconds = len(samples) / rate
+    assert 4 * seconds > alignment._LONG_SECONDS
+    found = alignment.align([word.text for word in words] * 4, np.tile(samples, 4), rate, "a.txt")
+    starts = [word.start + seconds * copy for copy in range(4) for word in words]
+    errors = np.abs([cell.start - start for cell, start in zip(found.cells, starts, strict=True)])
+    assert np.median(errors) <= 0.02 and np.mean(errors <= 0.1) > 0.9
+    assert [cell.start for cell in found.cells] == sorted(cell.start for cell in found.cells)
+
+
+@pytest.mark.slow
 def test_words_that_cannot_be_pronounced_are_spread_and_named():
     pytest.importorskip("pocketsphinx")
     samples, rate, words = real("acoustic_corpus")
