@@ -7,7 +7,7 @@ import pytest
 
 from gesturegen import clips, recordings
 from gesturegen.errors import ConfigError
-from gesturegen.pipeline import common
+from gesturegen.pipeline import common, keyword_gestures
 from gesturegen.speech import alignment
 from tests import tiny
 from tests.builders import bursts, chain, refused, settings_for, write_audio, write_clip
@@ -194,6 +194,15 @@ def test_names_of_later_commands_are_looked_up_in_what_was_read(tmp_path):
         common.require_names(settings_for(tmp_path, *master, targets), ["trn_a"], ["tst_a"])
     # What another method reads is no matter of this one.
     common.require_names(settings_for(tmp_path, targets), ["trn_a"], ["tst_a"])
+
+
+def test_a_word_that_no_clip_says_is_named(tmp_path):
+    entries = "[{word: Halt, gesture: a}, {word: stopp, gesture: b}, {clip: tst_b, word: halt, gesture: c}]"
+    config = settings_for(tmp_path, f"control={{library: x, gestures: {entries}}}")
+    assert keyword_gestures.unsaid(config, {"tst_a": {"halt", "stop"}, "tst_b": {"stop"}}) == [
+        "gesture 2 (b): the word 'stopp' is said in no test clip; did you mean 'stop'?",
+        "gesture 3 (c): the word 'halt' is said in no test clip",
+    ]
 
 
 def test_pinned_names_are_those_of_clips(tmp_path):

@@ -138,14 +138,19 @@ def _training_seconds(config: Config, references: dict[str, Recording], outcome:
 
 def _require_names(config: Config, references: Iterable[str], tests: Iterable[str]) -> None:
     """ConfigError, one line for each, where the settings name a clip that there is not."""
-    blacklisted = [recording.name for recording in recordings.blacklisted_recordings(config)]
-    known = [*references, *blacklisted]
+    known = _require_references(config, references)
+    require_names(config, known, tests)
+
+
+def _require_references(config: Config, references: Iterable[str]) -> list[str]:
+    """All references, the blacklist included; ConfigError where `blacklist` or `exclude` names a clip that there is not."""
+    known = [*references, *(recording.name for recording in recordings.blacklisted_recordings(config))]
     patterns = [("blacklist", pattern) for pattern in config.blacklist]
     patterns += [("exclude", range_.clip) for range_ in config.exclude]
     problems = [recordings.without_match(key, pattern, known, "reference clip") for key, pattern in patterns]
     if found := list(dict.fromkeys(filter(None, problems))):
         raise ConfigError("\n".join(found))
-    require_names(config, known, tests)
+    return known
 
 
 def _unused(config: Config) -> list[tuple[str, str]]:
@@ -181,6 +186,7 @@ def _together(warnings: list[tuple[str, str]]) -> list[tuple[str, str]]:
 def suggest_blacklist(config: Config, jobs: int, quiet: bool) -> Summary:
     """List near-motionless or glitching clips and ranges with the reason and the figure; exclude nothing."""
     references = {recording.name: recording for recording in recordings.reference_recordings(config)}
+    _require_references(config, references)
     outcome = for_each(
         {name: partial(_screen_clip, recording, config) for name, recording in references.items()},
         jobs,
