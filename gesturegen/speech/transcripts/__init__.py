@@ -5,7 +5,7 @@ A format is one line in `FORMATS`: its name, the endings of its files, whether a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -33,13 +33,15 @@ EXTENSIONS = tuple(extension for one in FORMATS for extension in one.extensions)
 # Files with these endings are transcripts, whatever lies beside them.
 CERTAIN = tuple(extension for one in FORMATS if one.certain for extension in one.extensions)
 WITHOUT_TIMES = _TEXT.extensions
+_EMPTY = "the transcript is empty, so there are no keywords"
+_ENCODINGS = {"latin-1": "not UTF-8, read as Latin-1", "utf-16": "in UTF-16"}
 _LFS = "version https://git-lfs"
 
 
 def read(
     path: str | Path, duration: float, sound: tuple[np.ndarray, int] | None = None
 ) -> tuple[tuple[Word, ...], list[str]]:
-    """Words of a transcript in order of time, and what was recognised, converted, guessed or odd, one line each.
+    """Words of a transcript in order of time, and a line on what was recognised, converted, guessed or odd, if anything.
 
     duration : of the recording in seconds
     sound : mono samples and their rate in Hz, with which a text without times is aligned
@@ -50,34 +52,37 @@ def read(
     path = Path(path)
     text, encoding = _decoded(path, inputs.read_bytes(path, MOST_BYTES))
     source = Source(path, text, duration)
-    if not text.strip():
-        return (), [f"{path.name}: the transcript is empty, so there are no keywords", *_encoding_note(path, encoding)]
-    format_ = _recognised(source)
-    if format_ is _TEXT:
+    format_ = _recognised(source) if text.strip() else None
+    words: tuple[Word, ...] = ()
+    if format_ is None:
+        notes = [_EMPTY]
+    elif format_ is _TEXT:
         words, notes = _aligned(source, sound)
-        return words, [*notes, *_encoding_note(path, encoding)]
-    found = format_.read(source)
-    words, odd = fit(found.cells, duration, found.by_syllables)
-    meant = sum(len(tokens(cell.text)) for cell in found.cells)
-    notes = _read_as(path, format_, found.read_as, encoding)
-    notes += [f"{path.name}: {what}: {count}" for what, count in (found.dropped | odd).items()]
-    if meant and not words:
-        notes.append(f"{path.name}: no word of it lies in the audio of {duration:.1f} s; is it another recording's?")
-    if not meant:
-        notes.append(f"{path.name}: the transcript is empty, so there are no keywords")
-    return words, notes
+    else:
+        found = format_.read(source)
+        words, odd = fit(found.cells, duration, found.by_syllables)
+        notes = _read_as(path, format_, found.read_as) + _counted(found.dropped | odd)
+        if not words:
+            meant = any(tokens(cell.text) for cell in found.cells)
+            lost = f"no word of it lies in the audio of {duration:.1f} s; is it another recording's?"
+            notes.append(lost if meant else _EMPTY)
+    if encoding in _ENCODINGS:
+        notes.insert(0, _ENCODINGS[encoding])
+    return words, [f"{path.name}: {'; '.join(notes)}"] if notes else []
 
 
-def _read_as(path: Path, format_: Format, details: Sequence[str], encoding: str) -> list[str]:
-    """A line on what a file was taken for, if it is not our TSV as it should be."""
+def _counted(counts: Mapping[str, int]) -> list[str]:
+    return [f"{what}: {count}" for what, count in counts.items()]
+
+
+def _read_as(path: Path, format_: Format, details: Sequence[str]) -> list[str]:
+    """What a file was taken for, if it is not our TSV as it should be."""
     own = path.suffix.lower() in format_.extensions
-    if own and format_.name == "table" and path.suffix.lower() == ".tsv" and not details:
-        return _encoding_note(path, encoding)
+    if path.suffix.lower() == ".tsv" and own and not details:
+        return []
     name = f"a {format_.name}" if format_.name == "table" else format_.name
     described = f"{name} with {', '.join(details)}" if details else name
-    described += "" if own else ", whatever its ending says"
-    described += {"utf-16": ", in UTF-16", "latin-1": ", in Latin-1 (it is not UTF-8)"}.get(encoding, "")
-    return [f"{path.name}: read as {described}"]
+    return [f"read as {described}" if own else f"read as {described}, whatever its ending says"]
 
 
 def align(path: str | Path, samples: np.ndarray, rate: int) -> alignment.Aligned:
@@ -133,23 +138,14 @@ def _decoded(path: Path, raw: bytes) -> tuple[str, str]:
     return text.removeprefix("\ufeff"), "utf-16" if encoding.startswith("utf-16") else encoding
 
 
-def _encoding_note(path: Path, encoding: str) -> list[str]:
-    return {
-        "latin-1": [f"{path.name}: not UTF-8, read as Latin-1"],
-        "utf-16": [f"{path.name}: read as UTF-16"],
-    }.get(encoding, [])
-
-
 def _aligned(source: Source, sound: tuple[np.ndarray, int] | None) -> tuple[tuple[Word, ...], list[str]]:
     """A text without times, aligned; without words, and with a note, where that cannot be done here."""
-    name = source.path.name
     written, marks = plain.words(source)
     missing = alignment.missing()
     if sound is None or missing is not None:
         what = missing or "run `gesturegen align`"
-        return (), [f"{name}: a text without times, so its words are not used; {what}"]
+        return (), [f"a text without times, so its words are not used; {what}"]
     found = alignment.align(written, *sound, what=inputs.shown(source.path))
     words, odd = fit(found.cells, source.duration)
-    notes = [f"{name}: a text without times, aligned with the sound{found.described()}"]
     odd |= {"marks such as [laughter], passed over": marks} if marks else {}
-    return words, [*notes, *(f"{name}: {what}: {count}" for what, count in odd.items())]
+    return words, [f"a text without times, aligned with the sound{found.described()}", *_counted(odd)]
