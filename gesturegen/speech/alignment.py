@@ -29,6 +29,8 @@ _FRAMES_PER_SECOND = 100
 _BEAMS = ({}, {"beam": 1e-80, "wbeam": 1e-60, "pbeam": 1e-80}, {"beam": 1e-120, "wbeam": 1e-100, "pbeam": 1e-120})
 # A text of so few words a minute may lack some that are said.
 _FEW_WORDS_A_MINUTE = 60
+# Nobody says more; a text of more would take long to be refused.
+_MOST_WORDS_A_SECOND, _MORE_WORDS = 10, 10
 # Longer recordings are aligned in pieces, each with the next so many words; of the end of a piece little is sure.
 _LONG_SECONDS, _PIECE_SECONDS, _UNSURE_SECONDS, _MOST_WORDS = 100.0, 60.0, 10.0, 300
 _MOST_NAMED = 8
@@ -94,11 +96,11 @@ def align(words: Sequence[str], samples: np.ndarray, rate: int, what: str) -> Al
     """
     need("pocketsphinx", EXTRA)
     words = [word for word in words if normalize(word)]
-    pcm = to_pcm(samples, rate)
     if not words:
         return Aligned([], 0.0, False, (), ())
-    seconds = len(samples) / rate
-    for beams in _BEAMS:
+    seconds, pcm = len(samples) / rate, to_pcm(samples, rate)
+    fits = len(words) <= _MOST_WORDS_A_SECOND * seconds + _MORE_WORDS
+    for beams in _BEAMS if fits else ():
         decoder, entries, by_rule = _decoder(words, beams)
         said = [place for place, entry in enumerate(entries) if entry is not None]
         if not said:

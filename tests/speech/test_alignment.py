@@ -95,12 +95,13 @@ def test_words_that_cannot_be_pronounced_are_spread_and_named():
 
 
 @pytest.mark.slow
-def test_a_text_of_something_else_is_refused(tmp_path):
+@pytest.mark.parametrize("copies", [3, 300], ids=["after all beams", "at once"])
+def test_a_text_of_something_else_is_refused(tmp_path, copies):
     pytest.importorskip("pocketsphinx")
     write_audio(tmp_path / "a.wav", bursts((0.5, 1.2), 2.0))
-    (tmp_path / "a.txt").write_text("Far too many words for two seconds of sound, " * 4)
+    (tmp_path / "a.txt").write_text("Far too many words for two seconds of sound, " * copies)
     result = run("align", tmp_path, "-j", 1)
-    assert result.exit_code == 1 and "a.txt: its 36 words cannot be found in 2.0 s of sound" in result.output
+    assert result.exit_code == 1 and f"a.txt: its {9 * copies} words cannot be found in 2.0 s of sound" in result.output
     assert not (tmp_path / "a.tsv").exists()
 
 

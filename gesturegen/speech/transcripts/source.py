@@ -11,7 +11,7 @@ from gesturegen import inputs
 from gesturegen.errors import DataError
 from gesturegen.speech.transcript import Cell, share_out, syllables, tokens
 
-MOST_BYTES = 2_000_000
+MOST_BYTES = 30_000_000
 # Seconds; milliseconds of a week are less.
 LATEST = 1e9
 # Units of time in files, with their seconds.
