@@ -175,7 +175,7 @@ def _together(warnings: list[tuple[str, str]]) -> list[tuple[str, str]]:
     """Warnings that many clips share but for their names, told of the first of them."""
     groups: dict[str, list[tuple[str, str]]] = {}
     for clip, note in warnings:
-        groups.setdefault(note.replace(clip, "\0"), []).append((clip, note))
+        groups.setdefault(note.replace(f"{clip}.", "\0"), []).append((clip, note))
     told = []
     for own in groups.values():
         (clip, note), *others = own

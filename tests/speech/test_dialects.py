@@ -234,6 +234,22 @@ def test_one_wrong_row_is_no_other_dialect(tmp_path):
     assert words == () and "no word of it lies in the audio of 6.0 s; is it another recording's?" in notes[-1]
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Time to start, text me.",
+        "From 10 to 20 people came.\n5 of them left.",
+        "[1] So it goes.",
+        "Yes --> no",
+        "{ok} fine",
+        "Start. End.",
+    ],
+)
+def test_a_text_is_no_table(tmp_path, text):
+    words, notes = transcripts.read(write(tmp_path, "a.txt", text), DURATION)
+    assert words == () and notes[0].startswith("a.txt: a text without times, so its words are not used; ")
+
+
 REFUSED = {
     "both kinds of decimals": ("a.tsv", "0.1\t0.3\ta\n0,4\t0,5\tb\n", "decimal commas and decimal points"),
     "TextGrid cut off": ("a.TextGrid", long_textgrid([("words", WORDS)])[:300], "damaged or no TextGrid|no tier"),

@@ -60,7 +60,8 @@ def is_table(text: str) -> bool:
         return False
     delimiter = _delimiter(lines)
     rows = [_split(line, delimiter) for line in lines]
-    if _header(rows[0]):
+    # "Time to go" is a text, not a header.
+    if len(_header(rows[0])) >= (3 if delimiter is None else 2):
         return True
     timed = sum(len(row) >= 2 and None not in (_time(row[0]), _time(row[1])) for row in rows)
     return timed > len(rows) / 2
