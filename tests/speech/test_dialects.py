@@ -157,6 +157,14 @@ DIALECTS = {
         json.dumps({"id": "V0", "metadata:vad": [], "metadata:transcript": [{"words": objects(), "start": 0, "end": 6, "transcript": ""}]}),
         "Seamless",
     ),
+    "aeneas": (
+        "a.json",
+        json.dumps({"fragments": [{"begin": f"{a:.3f}", "end": f"{b:.3f}", "lines": [w], "children": []} for w, a, b in WORDS]}),
+        "aeneas",
+    ),
+    "Gentle, in a .txt": (
+        "a.txt", json.dumps({"transcript": "", "words": objects(case="success", alignedWord="x")}), "JSON with words, whatever",
+    ),
     "Vosk": ("a.json", json.dumps({"result": objects(conf=1.0), "text": "so"}), "Vosk"),
     "list of words in milliseconds": (
         "a.json",
