@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gesturegen import files, inputs
+from gesturegen import files
 from gesturegen.config import Config
 from gesturegen.errors import DamagedError, DataError
 from gesturegen.motion import bvh, cleanup, kinematics, rotation
@@ -217,30 +217,14 @@ def prepare(recording: Recording, config: Config, with_motion: bool) -> Clip:
     if not with_motion and round(duration * config.fps) < 1:
         raise DataError(f"{recording.audio_path}: {duration:.3f} s is less than one frame")
     peaks = audio.detect_onset_peaks(samples, rate, config.onsets)
-    words, notes = _words(recording, samples, rate)
+    paths = [path for path in (recording.transcript_path, *recording.other_transcripts) if path is not None]
+    words, notes = transcripts.read_best(paths, duration, (samples, rate))
     contour = prosody.measure(samples, rate, config.prosody) if config.prosody.enabled else None
     sound = acoustics.measure(samples, rate, config.acoustics) if config.acoustics.enabled else None
     clip = Clip(
         recording.name, recording.speaker, duration, peaks, words, notes=tuple(notes), prosody=contour, acoustics=sound
     )
     return _with_motion(clip, recording, config) if with_motion else clip
-
-
-def _words(recording: Recording, samples: np.ndarray, rate: int) -> tuple[tuple[Word, ...], list[str]]:
-    """The words of the first of a recording's transcripts that is one, and what was odd, one line each."""
-    notes: list[str] = []
-    paths = [path for path in (recording.transcript_path, *recording.other_transcripts) if path is not None]
-    for place, path in enumerate(paths):
-        try:
-            words, own = transcripts.read(path, len(samples) / rate, (samples, rate))
-        except transcripts.NotATranscript as problem:
-            notes.append(f"{path.name}: {str(problem).partition(': ')[2]}, and not used")
-            continue
-        if place + 1 < len(paths):
-            unread = ", ".join(inputs.shown(other.name) for other in paths[place + 1 :])
-            own = [f"{path.name} is read, and not {unread}", *own]
-        return words, [*notes, *own]
-    return (), notes
 
 
 def _with_motion(clip: Clip, recording: Recording, config: Config) -> Clip:

@@ -77,6 +77,21 @@ def test_of_two_transcripts_the_choice_is_said_and_what_is_none_is_passed_over(r
     )
 
 
+def test_times_of_words_are_taken_before_times_of_segments(reference, tests_folder):
+    """Whisper writes all its formats side by side."""
+    row = "start\tend\ttext\n500\t1800\thello there you\n"
+    with_clip(tests_folder, "whisper", tsv=row, json=JSON, srt=SRT, txt="hello there you")
+    with_clip(tests_folder, "segments", tsv=row, json='{"words": [', srt=SRT.replace("hello", "hello there"))
+    result = start(reference, tests_folder)
+    assert words_of(tests_folder, "whisper") == ["hello"] and words_of(tests_folder, "segments") == [
+        "hello",
+        "there",
+        "you",
+    ]
+    assert "whisper.json is read, and not whisper.tsv, whisper.srt, whisper.txt\n" in result.output
+    assert "segments.tsv is read, and not segments.json, segments.srt\n" in result.output
+
+
 def test_what_many_clips_share_is_told_once(reference, tests_folder):
     for number in range(5):
         with_clip(tests_folder, f"clip{number}", srt=SRT)

@@ -49,11 +49,57 @@ def read(
     are dropped. Raises DataError with the line for anything that cannot be right, and NotATranscript for a file of
     an ending that others share, such as `.json`, that holds something else.
     """
-    path = Path(path)
+    words, notes, _ = _read(Path(path), duration, sound)
+    return words, notes
+
+
+def read_best(
+    paths: Sequence[Path], duration: float, sound: tuple[np.ndarray, int]
+) -> tuple[tuple[Word, ...], list[str]]:
+    """The words of one of a recording's transcripts, as `read` gives them, and a line on which one and what the others are.
+
+    paths : in the order of `EXTENSIONS`. The first that holds one is taken, but for one whose words share the times of
+    whole segments: then a later one that has the times of words. A text without times is taken where there is nothing else.
+    """
+    notes: list[str] = []
+    others: list[Path] = []
+    best: tuple[Path, tuple[Word, ...], list[str], bool] | None = None
+    for path in paths:
+        is_text = path.suffix.lower() in WITHOUT_TIMES
+        if best is not None and (is_text or not best[3]):
+            others.append(path)
+            continue
+        try:
+            found = (path, *_read(path, duration, sound))
+        except NotATranscript as problem:
+            notes.append(f"{path.name}: {str(problem).partition(': ')[2]}, and not used")
+            continue
+        except DataError:
+            if best is None:
+                raise
+            others.append(path)
+            continue
+        if best is None or not found[3]:
+            others += [best[0]] if best is not None else []
+            best = found
+        else:
+            others.append(path)
+    if best is None:
+        return (), notes
+    if others:
+        notes.append(f"{best[0].name} is read, and not {', '.join(inputs.shown(other.name) for other in others)}")
+    return best[1], notes + best[2]
+
+
+def _read(
+    path: Path, duration: float, sound: tuple[np.ndarray, int] | None
+) -> tuple[tuple[Word, ...], list[str], bool]:
+    """As `read`, and whether most words share the time of a segment with others."""
     text, encoding = _decoded(path, inputs.read_bytes(path, MOST_BYTES))
     source = Source(path, text, duration)
     format_ = _recognised(source) if text.strip() else None
     words: tuple[Word, ...] = ()
+    segments = False
     if format_ is None:
         notes = [_EMPTY]
     elif format_ is _TEXT:
@@ -61,6 +107,8 @@ def read(
     else:
         found = format_.read(source)
         words, odd = fit(found.cells, duration, found.by_syllables)
+        lengths = [len(tokens(cell.text)) for cell in found.cells]
+        segments = 2 * sum(length for length in lengths if length > 1) > sum(lengths)
         notes = _read_as(path, format_, found.read_as) + _counted(found.dropped | odd)
         if not words:
             meant = any(tokens(cell.text) for cell in found.cells)
@@ -68,7 +116,7 @@ def read(
             notes.append(lost if meant else _EMPTY)
     if encoding in _ENCODINGS:
         notes.insert(0, _ENCODINGS[encoding])
-    return words, [f"{path.name}: {'; '.join(notes)}"] if notes else []
+    return words, [f"{path.name}: {'; '.join(notes)}"] if notes else [], segments
 
 
 def _counted(counts: Mapping[str, int]) -> list[str]:
