@@ -231,6 +231,13 @@ def test_words_without_times_are_placed_between_their_neighbours(tmp_path):
     assert notes[0].endswith("; words without times, placed between their neighbours: 2")
 
 
+def test_durations_are_known_though_some_words_overlap(tmp_path):
+    rows = [f"{k}\t{1.1 if k % 5 == 4 else 0.9}\tw{k}\n" for k in range(20)]
+    words, notes = transcripts.read(write(tmp_path, "a.tsv", "".join(rows)), 21.0)
+    assert [(word.start, round(word.end, 3)) for word in words[3:5]] == [(3.0, 3.9), (4.0, 5.1)]
+    assert notes == ["a.tsv: read as a table with durations in place of ends; words that overlap the next one: 3"]
+
+
 def test_one_wrong_row_is_no_other_dialect(tmp_path):
     """What only a few rows say is a mistake of theirs, and is told as such."""
     path = write(tmp_path, "a.tsv", TSV + "5.5\t5.3\tlate\n")

@@ -34,8 +34,9 @@ _NAMES = {
 _UNIT = re.compile(r"[\s_]*[\[(]?(ms|msec|milliseconds|s|sec|secs|seconds)[\])]?")
 _DECIMAL_COMMA = re.compile(r"[-+]?[0-9]+,[0-9]+")
 _DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
-# Of durations read as ends, how far one may reach into the next word, and how many may.
-_OVERLAP_SECONDS, _MOST_OVERLAPS = 0.02, 0.02
+# Of durations read as ends, how far one may reach into the next word, and how many may: more where most ends cannot be
+# ends, for they lie before their starts.
+_OVERLAP_SECONDS, _MOST_OVERLAPS, _MOST_OVERLAPS_WHEN_SURE = 0.02, 0.02, 0.3
 
 
 @dataclass(frozen=True)
@@ -226,10 +227,12 @@ def _time(cell: str, kinds: Counter | None = None) -> float | None:
 
 
 def _are_durations(cells: list[Cell], duration: float) -> bool:
-    """Whether ends must be durations: some lie before their starts, and as durations all words fit one after another."""
-    if sum(cell.end < cell.start for cell in cells) < 2 or any(cell.end < 0 for cell in cells):
+    """Whether ends must be durations: some lie before their starts, and as durations the words fit one after another."""
+    wrong = sum(cell.end < cell.start for cell in cells)
+    if wrong < 2 or any(cell.end < 0 for cell in cells):
         return False
+    most = _MOST_OVERLAPS_WHEN_SURE if 2 * wrong > len(cells) else _MOST_OVERLAPS
     spans = [(cell.start, cell.start + cell.end) for cell in cells]
     pairs = list(itertools.pairwise(spans))
     overlaps = sum(one[1] > other[0] + _OVERLAP_SECONDS or one[0] > other[0] for one, other in pairs)
-    return overlaps <= _MOST_OVERLAPS * len(pairs) and spans[-1][1] <= duration + 1.0
+    return overlaps <= most * len(pairs) and spans[-1][1] <= duration + 1.0

@@ -17,7 +17,7 @@ LATEST = 1e9
 # Units of time in files, with their seconds.
 _UNITS = (("milliseconds", 1e-3), ("microseconds", 1e-6), ("units of 100 ns", 1e-7))
 # What of a transcript may lie beyond the end for a unit to be right, and how much of the recording it must cover.
-_MOST_OUTSIDE, _LEAST_COVERED = 0.05, 0.1
+_MOST_OUTSIDE, _LEAST_COVERED = 0.2, 0.1
 # str.splitlines() would also split at the ellipsis of Windows' code page, read as Latin-1.
 LINE_END = re.compile(r"\r\n|\r|\n")
 _CLOCK = re.compile(r"(?:([0-9]{1,4}):)?([0-9]{1,2}):([0-9]{1,2}(?:[.,][0-9]{1,9})?)")
@@ -111,8 +111,8 @@ def said(cells: Sequence[Cell]) -> tuple[list[Cell], dict[str, int]]:
 def in_seconds(cells: list[Cell], duration: float) -> tuple[list[Cell], str | None]:
     """The cells in seconds, and the unit they were in where it was another one.
 
-    Another unit is taken only where, in seconds, most of the transcript would lie beyond the recording, and nothing
-    does in that unit.
+    Another unit is taken only where, in seconds, most of the transcript would lie beyond the recording, and in that
+    unit little of it does.
     """
     if not cells or _outside(cells, 1.0, duration) <= 0.5:
         return cells, None
