@@ -427,5 +427,54 @@ def export(
     )
 
 
+def _of_recordings(command):
+    """The arguments of commands that write transcripts of recordings, whatever their dataset."""
+
+    @click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="PATH...")
+    @click.option("--output", type=FOLDER, metavar="DIR", help="Where to write, instead of beside what is read.")
+    @click.option("--force", is_flag=True, help="Write over TSV files that are there.")
+    @jobs_option
+    @wait_option
+    @quiet_option
+    @functools.wraps(command)
+    def with_options(**options):
+        return command(**options)
+
+    return with_options
+
+
+@main.command()
+@_of_recordings
+def align(paths: tuple[Path, ...], output: Path | None, force: bool, jobs: int, quiet: bool) -> None:
+    """Find when each word of a text is said: a TSV for every a.txt beside an a.wav (needs the extra `align`).
+
+    PATHs are folders of recordings, or files. English only, word for word as it is said. `preprocess` does the same
+    for clips that have nothing but a text.
+
+    \b
+    Examples:
+      gesturegen align talks
+      gesturegen align talks/a.wav --output tsv
+    """
+    writes = [output] if output else []
+    run_and_print(quiet, lambda pipeline: pipeline.align(paths, output, force, jobs, quiet), writes)
+
+
+@main.command()
+@_of_recordings
+def transcribe(paths: tuple[Path, ...], output: Path | None, force: bool, jobs: int, quiet: bool) -> None:
+    """Recognise English words without a text, badly: a TSV for every sound (needs the extra `align`).
+
+    Better is a text that somebody corrected, with `align`, or the JSON, SRT or TSV of a better recogniser, such as
+    Whisper, which `preprocess` reads.
+
+    \b
+    Example:
+      gesturegen transcribe talks --output tsv
+    """
+    writes = [output] if output else []
+    run_and_print(quiet, lambda pipeline: pipeline.transcribe(paths, output, force, jobs, quiet), writes)
+
+
 if __name__ == "__main__":
     main()

@@ -20,7 +20,7 @@ from gesturegen.errors import DamagedError, DataError
 from gesturegen.motion import bvh, cleanup, kinematics, rotation
 from gesturegen.motion.skeleton import Motion, Skeleton, read_only
 from gesturegen.recordings import Recording, is_listed
-from gesturegen.speech import acoustics, audio, prosody, transcript
+from gesturegen.speech import acoustics, alignment, audio, prosody, transcripts
 from gesturegen.speech.acoustics import Acoustics
 from gesturegen.speech.prosody import Contour
 from gesturegen.speech.transcript import Word
@@ -217,10 +217,8 @@ def prepare(recording: Recording, config: Config, with_motion: bool) -> Clip:
     if not with_motion and round(duration * config.fps) < 1:
         raise DataError(f"{recording.audio_path}: {duration:.3f} s is less than one frame")
     peaks = audio.detect_onset_peaks(samples, rate, config.onsets)
-    words: tuple[Word, ...] = ()
-    notes: list[str] = []
-    if recording.transcript_path is not None:
-        words, notes = transcript.read(recording.transcript_path, duration)
+    paths = [path for path in (recording.transcript_path, *recording.other_transcripts) if path is not None]
+    words, notes = transcripts.read_best(paths, duration, (samples, rate))
     contour = prosody.measure(samples, rate, config.prosody) if config.prosody.enabled else None
     sound = acoustics.measure(samples, rate, config.acoustics) if config.acoustics.enabled else None
     clip = Clip(
@@ -290,8 +288,11 @@ def select_joints(skeleton: Skeleton, config: Config) -> tuple[list[int], list[s
 
 def input_digest(recording: Recording) -> str:
     """A hash of all that a clip is made from: its files' bytes and its speaker."""
-    paths = (recording.motion_path, recording.audio_path, recording.transcript_path)
+    others = recording.other_transcripts
+    paths = (recording.motion_path, recording.audio_path, recording.transcript_path, *others)
     parts = [recording.speaker or "", *(files.sha256(path) if path else "" for path in paths)]
+    texts = [path.suffix.lower() in transcripts.WITHOUT_TIMES for path in (recording.transcript_path, *others) if path]
+    parts += [alignment.version()] if any(texts) else []
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 

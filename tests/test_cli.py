@@ -113,7 +113,7 @@ def test_another_seed_gives_other_bytes(finished, recorded, tmp_path):
 
 def test_a_clip_does_not_depend_on_the_others(finished, data, tmp_path):
     manifest = json.loads((finished / "reenact/manifest.json").read_text())
-    pins = {row["clip"]: row["references"] for row in manifest["clips"]}
+    pins = {row["clip"]: row["references"] for row in manifest["clips"] if row["clip"] != "tst_a"}
     for path in (data / "tst/main-agent").rglob("tst_a.*"):
         path.unlink()
     listed = tmp_path / "pins.yaml"

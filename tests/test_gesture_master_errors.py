@@ -143,10 +143,17 @@ def test_a_correction_of_a_start_that_no_clip_has(data, tmp_path):
     assert "no gesture clip of trn_b starts at 0.31 s; the nearest starts at 0.00" in line
 
 
-def test_a_correction_of_no_recording_is_a_warning(whole_data, built, work, tmp_path):
+def test_a_pattern_that_matches_no_gesture_clip_is_refused(whole_data, work):
+    name = np.load(database(work))["names"].tolist()[0]
+    options = settings(f"gesture_master.quality={{include: ['{name}', 'trn_b@?.??'], exclude: ['trn_b@999.99']}}")
+    line = only_error(command("build-graph", whole_data, work, *options))
+    assert "gesture_master.quality.exclude: 'trn_b@999.99' matches no gesture clip; did you mean 'trn_b@" in line
+
+
+def test_a_correction_of_no_recording_is_refused(whole_data, built, work, tmp_path):
     result = command("build-graph", whole_data, work, *corrections(tmp_path, f"trn_z,0.0,{'01' * 16}"))
-    assert result.exit_code == 0
-    assert "corrections: 'trn_z' is none of these references; check its spelling" in result.output
+    assert result.exit_code == 1
+    assert "rhythm.corrections: 'trn_z' matches no reference clip; did you mean 'trn_c'?" in result.output
     (own,), (before,) = (np.load(database(place))["rhythms"][None] for place in (work, built))
     assert (own == before).all()
 

@@ -14,7 +14,7 @@ from gesturegen.config import load_config
 from gesturegen.errors import ConfigError, DataError
 from gesturegen.files import sha256
 from gesturegen.motion import bvh, positions
-from gesturegen.speech import audio, transcript
+from gesturegen.speech import audio, transcripts
 from tests.builders import bvh_text, refused, write_clip
 
 
@@ -51,7 +51,7 @@ READERS = {
     "bvh": (bvh.read, DataError),
     "skeleton": (bvh.read_skeleton, DataError),
     "wav": (audio.read_samples, DataError),
-    "tsv": (lambda path: transcript.read(path, 5.0), DataError),
+    "tsv": (lambda path: transcripts.read(path, 5.0), DataError),
     "npz": (positions.read, DataError),
     "hash": (sha256, DataError),
     "config": (load_config, ConfigError),

@@ -38,7 +38,7 @@ def placements(control: Control, speech: Speech) -> tuple[list[Placement], list[
     for place, entry in enumerate(control.gestures, 1):
         if not is_listed(speech.name, (entry.clip,)):
             continue
-        own = names_one_clip(entry.clip)
+        own = names_one_clip(entry.clip, speech.name)
         if entry.at is not None and entry.at >= duration - _SLACK:
             text = f"gesture {place} ({entry.gesture}): at {entry.at:g} s, the clip ends at {duration:.2f} s"
             if own:

@@ -16,7 +16,7 @@ import numpy as np
 from gesturegen.config import Condition, Control, bound_text, resolve_bound, shared_time, time_text
 from gesturegen.control.measures import UNITS
 from gesturegen.errors import DataError
-from gesturegen.recordings import is_listed
+from gesturegen.recordings import is_listed, is_named
 
 Measures = Mapping[tuple[str, str], np.ndarray]
 
@@ -75,7 +75,7 @@ def demands(control: Control, clip_name: str, n_frames: int, fps: float, values:
     for place, condition in enumerate(control.conditions, 1):
         if not is_listed(clip_name, (condition.clip,)):
             continue
-        past = _past_the_end(condition, duration)
+        past = _past_the_end(condition, clip_name, duration)
         if past is None:
             inside.append((place, condition))
             demand = _demand(place, condition, n_frames, fps, values)
@@ -84,7 +84,7 @@ def demands(control: Control, clip_name: str, n_frames: int, fps: float, values:
                 found.append(demand)
             else:
                 problems.append(f"condition {place}: {mistake}")
-        elif names_one_clip(condition.clip):
+        elif names_one_clip(condition.clip, clip_name):
             problems.append(f"condition {place}: {past}")
     # Bounds of one measure that overlap may well contradict each other, and one line says enough.
     overlaps = _overlaps(inside)
@@ -94,17 +94,17 @@ def demands(control: Control, clip_name: str, n_frames: int, fps: float, values:
     return tuple(found)
 
 
-def names_one_clip(pattern: str) -> bool:
-    """Whether a pattern is the name of a clip, so that what does not fit the clip must be a mistake."""
-    return not any(sign in pattern for sign in "*?[")
+def names_one_clip(pattern: str, clip_name: str) -> bool:
+    """Whether a pattern is the name of the clip, so that what does not fit the clip must be a mistake."""
+    return is_named(clip_name, pattern)
 
 
-def _past_the_end(condition: Condition, duration: float) -> str | None:
+def _past_the_end(condition: Condition, clip_name: str, duration: float) -> str | None:
     """What is wrong with the times of a condition; a glob may reach past the end, but not start there."""
     if condition.from_ >= duration - _SLACK:
         return f"starts at {condition.from_:g} s, the clip ends at {duration:.2f} s"
     too_long = condition.to is not None and condition.to > duration + _GRACE + _SLACK
-    if too_long and names_one_clip(condition.clip):
+    if too_long and names_one_clip(condition.clip, clip_name):
         return f"ends at {condition.to:g} s, the clip at {duration:.2f} s; leave out `to` for the end of the clip"
     return None
 

@@ -142,4 +142,4 @@ def keep(name: str, reason: str | None, settings: Quality) -> str | None:
 
 
 def _is_listed(name: str, patterns: Sequence[str]) -> bool:
-    return any(fnmatchcase(name, pattern) for pattern in patterns)
+    return any(name == pattern or fnmatchcase(name, pattern) for pattern in patterns)

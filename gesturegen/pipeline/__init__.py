@@ -5,6 +5,7 @@ clips are unharmed. An error that concerns the whole command is raised.
 """
 
 from gesturegen.pipeline.ablate import ablate
+from gesturegen.pipeline.align import align, transcribe
 from gesturegen.pipeline.build_graph import build_graphs
 from gesturegen.pipeline.common import Summary
 from gesturegen.pipeline.compare import compare
@@ -23,6 +24,7 @@ from gesturegen.pipeline.video import render_videos
 __all__ = [
     "Summary",
     "ablate",
+    "align",
     "build_graphs",
     "check",
     "compare",
@@ -39,4 +41,5 @@ __all__ = [
     "run",
     "suggest_blacklist",
     "train_refiner",
+    "transcribe",
 ]

@@ -10,7 +10,6 @@ import hashlib
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from fnmatch import fnmatchcase
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -30,7 +29,7 @@ from gesturegen.keynodes import KeyNodes
 from gesturegen.methods import METHODS
 from gesturegen.parallel import Outcome, for_each
 from gesturegen.pipeline.common import clip_path, digests, limits, load_reference, work_path
-from gesturegen.recordings import is_listed
+from gesturegen.recordings import is_listed, without_match
 from gesturegen.stored import arrays as stored_arrays
 from gesturegen.stored import sealing
 from gesturegen.stored.arrays import Array, Kind
@@ -312,15 +311,19 @@ def describe(found: GestureDatabase, config: Config) -> dict:
         lines.append(f"{len(found.dropped)} clips dropped: {named}{more}")
     notes = [*found.notes.tolist()]
     notes += [
-        f"gesture_master.rhythm.corrections: {correction.clip!r} is none of these references; check its spelling"
+        f"gesture_master.rhythm.corrections: {correction.clip!r} is none of these references"
         for correction in config.gesture_master.rhythm.corrections or ()
         if not any(is_listed(name, (correction.clip,)) for name in found.clip_names)
     ]
+    return {"lines": lines, "notes": notes, "unmatched": _unmatched(found, config)}
+
+
+def _unmatched(found: GestureDatabase, config: Config) -> list[tuple[str, str, str]]:
+    """Key, pattern and error of each pattern of `quality` that matches no gesture clip of a database."""
     known = [*found.names.tolist(), *found.dropped[:, 0].tolist()]
-    for key in ("include", "exclude"):
-        notes += [
-            f"gesture_master.quality.{key}: {pattern!r} matches no gesture clip; `gesturegen inspect` lists them"
-            for pattern in getattr(config.gesture_master.quality, key)
-            if not any(fnmatchcase(name, pattern) for name in known)
-        ]
-    return {"lines": lines, "notes": notes}
+    return [
+        (key, pattern, problem)
+        for key in ("include", "exclude")
+        for pattern in getattr(config.gesture_master.quality, key)
+        if (problem := without_match(f"gesture_master.quality.{key}", pattern, known, "gesture clip")) is not None
+    ]

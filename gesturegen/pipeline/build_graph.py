@@ -86,8 +86,27 @@ def build_libraries(
     built = for_each(tasks, jobs, label, quiet)
     for name, done in built.done.items():
         done["notes"] = [*remade.get(name, ()), *done["notes"]]
+    built.errors |= _unmatched(built, libraries)
+    built.done = {name: done for name, done in built.done.items() if name not in built.errors}
     errors = dict(sorted({**built.errors, **outcome.errors}.items()))
     return Outcome(built.done, errors, dict(sorted({**built.bugs, **outcome.bugs}.items())))
+
+
+def _unmatched(built: Outcome, libraries: Mapping[str, Library]) -> dict[str, str]:
+    """Errors by database, where a pattern of gesture clips matches nothing in any database built with it."""
+    lacking: dict[tuple[str, str, str], dict[str, str]] = {}
+    users: dict[str, int] = {}
+    for name, done in built.done.items():
+        quality = libraries[name].config.section_json("gesture_master.quality")
+        users[quality] = users.get(quality, 0) + 1
+        for key, pattern, problem in done.get("unmatched", ()):
+            lacking.setdefault((quality, key, pattern), {})[name] = problem
+    errors: dict[str, list[str]] = {}
+    for (quality, _, _), problems in lacking.items():
+        if len(problems) == users[quality]:
+            name = min(problems)
+            errors.setdefault(name, []).append(problems[name])
+    return {name: "\n".join(lines) for name, lines in errors.items()}
 
 
 def _matching_parts(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from gesturegen import clips, recordings
 from gesturegen.config import Config
-from gesturegen.errors import DamagedError, DataError, GesturegenError
+from gesturegen.errors import ConfigError, DamagedError, DataError, GesturegenError
 from gesturegen.files import require_writable  # noqa: F401 - for the commands
 from gesturegen.gestures import extraction
 from gesturegen.parallel import Outcome
@@ -107,10 +107,46 @@ def chosen_references(config: Config, index: dict) -> dict[str, tuple[str, ...]]
     """The reference clips of each test clip, among the clips that could be preprocessed."""
     if not index["tests"]:
         raise DataError("no test clip could be preprocessed; mend the errors that `gesturegen preprocess` lists")
+    require_names(config, [*index["references"]], [*index["tests"], *index["failed"]])
     references = {name: row["speaker"] for name, row in index["references"].items()}
     speakers = {name: row["speaker"] for name, row in index["tests"].items()}
     durations = {name: row["seconds"] for name, row in index["references"].items()}
-    return recordings.choose_references(sorted(speakers), references, speakers, config, durations)
+    return recordings.choose_references(
+        sorted(speakers), references, speakers, config, durations, failed=sorted(index["failed"])
+    )
+
+
+def require_names(config: Config, references: Iterable[str], tests: Iterable[str]) -> None:
+    """ConfigError, one line for each, where a clip that the settings name is none of these; a typo must not pass.
+
+    Patterns are taken to the letter first, then as globs. `blacklist` and `exclude` are looked at by `preprocess`.
+    """
+    master = config.gesture_master
+    quality = {key: getattr(master.quality, key) for key in ("include", "exclude")}
+    of_tests = [
+        *((f"control.conditions, {place}", row.clip) for place, row in enumerate(config.control.conditions, 1)),
+        *((f"control.gestures, {place}", row.clip) for place, row in enumerate(config.control.gestures, 1)),
+        *(("gesture_master.style.targets", row.clip) for row in master.style.targets or ()),
+    ]
+    of_references = [
+        *(("gesture_master.rhythm.corrections", row.clip) for row in master.rhythm.corrections or ()),
+        # A gesture clip is called by its recording and a time; of a glob, that may be anywhere.
+        *(
+            (f"gesture_master.quality.{key}", name.rpartition("@")[0])
+            for key, names in quality.items()
+            for name in names
+            if "@" in name
+        ),
+    ]
+    used = master if config.method == "gesture_master" else None
+    problems = [
+        recordings.without_match(key, pattern, names, what)
+        for rows, names, what in ((of_tests, tests, "test clip"), (of_references, references, "reference clip"))
+        for key, pattern in rows
+        if used or not key.startswith("gesture_master")
+    ]
+    if found := list(dict.fromkeys(filter(None, problems))):
+        raise ConfigError("\n".join(found))
 
 
 def load_references(config: Config, names: Sequence[str]) -> list[clips.Reference]:

@@ -32,6 +32,7 @@ from gesturegen.pipeline.common import (
     graph_path,
     read_index,
     read_manifest,
+    require_names,
     require_writable,
     work_path,
 )
@@ -75,6 +76,7 @@ def evaluate(
         signature = {"method": "files", "config_hash": config.signature(), "seed": "-", "version": __version__}
     else:
         index = read_index(config)
+        require_names(config, index["references"], [*index["tests"], *index["failed"]])
         evidence, failed, signature = _own_evidence(config, index, truth_folder)
         signature["inputs"] = _inputs(evidence, config)
         if reuse:

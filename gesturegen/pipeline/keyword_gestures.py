@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from functools import lru_cache
@@ -18,7 +18,9 @@ from gesturegen.errors import DataError
 from gesturegen.graph import reference_frames
 from gesturegen.graph.reference_frames import ExtendedFrames, ReferenceFrames
 from gesturegen.motion import bvh, cleanup
+from gesturegen.recordings import matching
 from gesturegen.search.path import Path, Piece, Target, Track, resampled_indices
+from gesturegen.speech.transcript import normalize
 from gesturegen.submission import GESTURE_PREFIX
 
 # What a piece that shows one is called in a trace.
@@ -58,6 +60,20 @@ def place(
         tracks = tuple(t if n == 1 else replace(t, pieces=_with_piece(t, piece)) for n, t in enumerate(tracks))
     path = replace(path, tracks=tracks)
     return path, frames, _Joined(references, gestures)
+
+
+def unsaid(config: Config, words: Mapping[str, Collection[str]]) -> list[str]:
+    """A line for each gesture whose word is said in none of the clips that it is for; words : of each test clip."""
+    lines = []
+    for place, row in enumerate(config.control.gestures, 1):
+        own = matching(row.clip, words)
+        if row.word is None or any(normalize(row.word) in words[name] for name in own):
+            continue
+        all_words = sorted({word for name in own for word in words[name]})
+        near = get_close_matches(normalize(row.word), all_words, n=1, cutoff=0.7)
+        hint = f"; did you mean {inputs.shown(near[0])!r}?" if near else ""
+        lines.append(f"gesture {place} ({row.gesture}): the word {row.word!r} is said in no test clip{hint}")
+    return lines
 
 
 def library_digests(config: Config) -> list[str]:

@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 
-from gesturegen import clips, recordings
+from gesturegen import clips, inputs, recordings
 from gesturegen.config import Config
-from gesturegen.errors import DamagedError, DataError
+from gesturegen.errors import ConfigError, DamagedError, DataError
 from gesturegen.motion import bvh, cleanup, screening
 from gesturegen.parallel import Outcome, describe_bugs, for_each
-from gesturegen.pipeline.common import INDEX_VERSION, Summary, clip_path, relative_to_work, require_writable, work_path
+from gesturegen.pipeline.common import (
+    INDEX_VERSION,
+    Summary,
+    clip_path,
+    relative_to_work,
+    require_names,
+    require_writable,
+    work_path,
+)
 from gesturegen.recordings import Recording
 from gesturegen.speech import audio
 from gesturegen.stored import documents, sealing
+
+# From so many clips on, what is odd about all of them is told once.
+_MANY = 4
+# Names of files that are told of each ending.
+_MOST_NAMED = 3
 
 
 def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None = None, reuse: bool = False) -> Summary:
@@ -24,6 +38,7 @@ def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None =
     references = {recording.name: recording for recording in recordings.reference_recordings(config)}
     tests = {recording.name: recording for recording in recordings.test_recordings(config)}
     _refuse_twins(references, tests)
+    _require_names(config, references, tests)
     require_writable(work_path(config, "clips"))
     tasks = {
         name: partial(_preprocess_clip, recording, config, name in references, export_bvh, reuse)
@@ -44,7 +59,7 @@ def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None =
     documents.write(index_path, _index(config, references, tests, outcome))
     summary = Summary(outcome, [(name, note) for name, done in outcome.done.items() for note in done["notes"]])
     summary.warnings += [("index", note) for note in lost]
-    summary.warnings += _unmatched_patterns(config, references)
+    summary.warnings = _together(summary.warnings) + _unused(config)
     summary.warnings += [
         (recording.name, "no BVH file, so it is no reference")
         for recording in recordings.recordings_without_motion(config)
@@ -121,23 +136,57 @@ def _training_seconds(config: Config, references: dict[str, Recording], outcome:
     return seconds
 
 
-def _unmatched_patterns(config: Config, references: dict[str, Recording]) -> list[tuple[str, str]]:
-    blacklisted = [recording.name for recording in recordings.blacklisted_recordings(config)]
-    warnings = [
-        ("blacklist", f"{pattern!r} matches no reference clip; check its spelling")
-        for pattern in config.blacklist
-        if not any(recordings.is_listed(name, (pattern,)) for name in blacklisted)
-    ]
-    return warnings + [
-        ("exclude", f"clip {range_.clip!r} is no reference clip; check its spelling")
-        for range_ in config.exclude
-        if not any(recordings.is_listed(name, (range_.clip,)) for name in [*references, *blacklisted])
-    ]
+def _require_names(config: Config, references: Iterable[str], tests: Iterable[str]) -> None:
+    """ConfigError, one line for each, where the settings name a clip that there is not."""
+    known = _require_references(config, references)
+    require_names(config, known, tests)
+
+
+def _require_references(config: Config, references: Iterable[str]) -> list[str]:
+    """All references, the blacklist included; ConfigError where `blacklist` or `exclude` names a clip that there is not."""
+    known = [*references, *(recording.name for recording in recordings.blacklisted_recordings(config))]
+    patterns = [("blacklist", pattern) for pattern in config.blacklist]
+    patterns += [("exclude", range_.clip) for range_ in config.exclude]
+    problems = [recordings.without_match(key, pattern, known, "reference clip") for key, pattern in patterns]
+    if found := list(dict.fromkeys(filter(None, problems))):
+        raise ConfigError("\n".join(found))
+    return known
+
+
+def _unused(config: Config) -> list[tuple[str, str]]:
+    """One warning for each folder of recordings with files that are not used."""
+    warnings = []
+    for folder in recordings.folders(config):
+        paths = recordings.unused_files(folder)
+        kinds: dict[str, list[str]] = {}
+        for path in paths:
+            kinds.setdefault(path.suffix.lower() or "no ending", []).append(inputs.shown(path.name))
+        if kinds:
+            listed = [
+                f"{len(names)} {kind} ({', '.join(names[:_MOST_NAMED])}{', ...' if len(names) > _MOST_NAMED else ''})"
+                for kind, names in kinds.items()
+            ]
+            files = "1 file is" if len(paths) == 1 else f"{len(paths)} files are"
+            warnings.append((inputs.shown(folder), f"{files} not used: {', '.join(listed)}"))
+    return warnings
+
+
+def _together(warnings: list[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Warnings that many clips share but for their names, told of the first of them."""
+    groups: dict[str, list[tuple[str, str]]] = {}
+    for clip, note in warnings:
+        groups.setdefault(note.replace(f"{clip}.", "\0"), []).append((clip, note))
+    told = []
+    for own in groups.values():
+        (clip, note), *others = own
+        told += own if len(own) < _MANY else [(f"{clip} and {len(others)} more", note)]
+    return told
 
 
 def suggest_blacklist(config: Config, jobs: int, quiet: bool) -> Summary:
     """List near-motionless or glitching clips and ranges with the reason and the figure; exclude nothing."""
     references = {recording.name: recording for recording in recordings.reference_recordings(config)}
+    _require_references(config, references)
     outcome = for_each(
         {name: partial(_screen_clip, recording, config) for name, recording in references.items()},
         jobs,

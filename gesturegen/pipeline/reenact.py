@@ -85,6 +85,10 @@ def reenact(config: Config, jobs: int, quiet: bool, reuse: bool = False, variant
     _describe(summary, config)
     summary.warnings += [("manifest", note) for note in lost]
     summary.warnings += warnings
+    if any(row.word is not None for row in config.control.gestures) and not outcome.failed:
+        spoken = {test: clips.load(clip_path(config, test), config, with_motion=False).words for test in chosen}
+        words = {test: {word.text for word in own} for test, own in spoken.items()}
+        summary.warnings += [("control", line) for line in keyword_gestures.unsaid(config, words)]
     return summary
 
 

@@ -1,29 +1,22 @@
-"""Transcripts: words with their times, and the frames they cover.
+"""Words with their times, and the frames they cover; `transcripts/` reads them from files.
 
-GENEA's TSV has no header: `start<TAB>end<TAB>text` in seconds. Columns may be separated by spaces where
-that is unambiguous. `#` marks laughter and is no word; a cell with several words is split evenly.
+`#` marks laughter and is no word; a stretch of time with several words is shared among them.
 """
 
 from __future__ import annotations
 
 import itertools
 import re
+import unicodedata
+from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from gesturegen import inputs
-from gesturegen.errors import DataError
-
-MOST_BYTES = 2_000_000
-# Seconds; milliseconds of a week are less.
-_LATEST = 1e9
-
-# Times in TSV files are often a hair below the frame they mean (0.3 * 30 is 8.999...).
+# Times in files are often a hair below the frame they mean (0.3 * 30 is 8.999...).
 _FRAME_SLACK = 1e-6
-# str.splitlines() would also split at the ellipsis of Windows' code page, read as Latin-1.
-_LINE_END = re.compile(r"\r\n|\r|\n")
+_VOWELS = re.compile("[aeiouy]+")
 
 
 @dataclass(frozen=True)
@@ -40,56 +33,51 @@ class Word:
         return start, max(int(np.floor(self.end * fps + _FRAME_SLACK)), start + 1)
 
 
+class Cell(NamedTuple):
+    """What a transcript says from `start` to `end` in seconds: a word or several, with punctuation."""
+
+    start: float
+    end: float
+    text: str
+
+
 def normalize(text: str) -> str:
     """The bare word: lower case, no punctuation but inner apostrophes and hyphens; empty for laughter."""
     return re.sub(r"[^\w'-]|_", "", text.lower().replace("\N{RIGHT SINGLE QUOTATION MARK}", "'")).strip("'-")
 
 
-def read(path: str | Path, duration: float) -> tuple[tuple[Word, ...], list[str]]:
-    """Words of a TSV file in order of time, and what was odd about it, one line each.
+def tokens(text: str) -> list[str]:
+    """The bare words of a text, in order."""
+    return [token for token in map(normalize, text.split()) if token]
 
-    Words outside 0 to `duration` seconds are dropped, words across its ends are clipped; words that end
-    before they start are dropped. Raises DataError with the line for anything that is no transcript.
+
+def syllables(word: str) -> int:
+    """About how many syllables a bare word has, at least one: groups of vowels, without a silent final e."""
+    plain = unicodedata.normalize("NFD", word)
+    count = len(_VOWELS.findall(plain)) + sum(map(str.isdigit, plain))
+    if plain.endswith("e") and not plain.endswith(("le", "ee", "ie", "ye")):
+        count -= 1
+    return max(count, 1)
+
+
+def share_out(start: float, end: float, words: Iterable[str], by_syllables: bool) -> list[Cell]:
+    """A cell for each bare word, one after the other from `start` to `end`: as long as its syllables, or all equal."""
+    words = list(words)
+    shares = [syllables(word) for word in words] if by_syllables else [1] * len(words)
+    ends = list(itertools.accumulate(shares, initial=0))
+    total = ends[-1]
+    return [
+        Cell(start + (end - start) * before / total, start + (end - start) * after / total, word)
+        for word, before, after in zip(words, ends, ends[1:], strict=False)
+    ]
+
+
+def fit(cells: Iterable[Cell], duration: float, by_syllables: bool = False) -> tuple[tuple[Word, ...], dict[str, int]]:
+    """The words of cells in order of time, inside a recording, and how many were odd, by what is odd about them.
+
+    duration : of the recording in seconds. Words outside are dropped, words across its ends are clipped; words that
+    end before they start are dropped.
     """
-    path = Path(path)
-    raw = inputs.read_bytes(path, MOST_BYTES)
-    if raw.startswith(b"version https://git-lfs"):
-        raise DataError(f"{inputs.shown(path)}: a Git LFS pointer, not the file itself; run `git lfs pull`")
-    if b"\0" in raw:
-        raise DataError(f"{inputs.shown(path)}: binary data, not a transcript; expected start<TAB>end<TAB>text lines")
-    notes = []
-    try:
-        text = raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = raw.decode("latin-1")
-        notes.append(f"{path.name}: not UTF-8, read as Latin-1")
-    cells = [_parse_line(path, number, line) for number, line in enumerate(_LINE_END.split(text), 1) if line.strip()]
-    if not cells:
-        notes.append(f"{path.name}: the transcript is empty, so there are no keywords")
-    words, counts = _fit(cells, duration)
-    notes += [f"{path.name}: {what}: {count}" for what, count in counts.items() if count]
-    return tuple(words), notes
-
-
-def _parse_line(path: Path, number: int, line: str) -> tuple[float, float, str]:
-    where = f"{inputs.shown(path)}:{number}"
-    if line.startswith(("<<<<<<<", ">>>>>>>", "=======")):
-        raise DataError(f"{where}: merge conflict marker; resolve the conflict first")
-    cells = line.split("\t") if "\t" in line else line.split(None, 2)
-    if len(cells) != 3:
-        raise DataError(f"{where}: {len(cells)} columns in {line.strip()[:40]!r}; expected start<TAB>end<TAB>text")
-    times = []
-    for column, cell in enumerate(cells[:2], 1):
-        time = inputs.decimal(cell)
-        if time is None or abs(time) > _LATEST:
-            raise DataError(
-                f"{where}: column {column} is {cell.strip()[:30]!r}, not a time in seconds (there is no header line)"
-            )
-        times.append(time)
-    return times[0], times[1], cells[2]
-
-
-def _fit(cells: list[tuple[float, float, str]], duration: float) -> tuple[list[Word], dict[str, int]]:
     counts = dict.fromkeys(
         (
             "words that end before they start, dropped",
@@ -104,13 +92,11 @@ def _fit(cells: list[tuple[float, float, str]], duration: float) -> tuple[list[W
     words: list[Word] = []
     latest = -np.inf
     for start, end, text in cells:
-        tokens = [token for token in map(normalize, text.split()) if token]
+        bare = tokens(text)
         if end < start:
-            counts[reversed_] += len(tokens)
+            counts[reversed_] += len(bare)
             continue
-        for k, token in enumerate(tokens):
-            from_ = start + (end - start) * k / len(tokens)
-            to = start + (end - start) * (k + 1) / len(tokens)
+        for from_, to, token in share_out(start, end, bare, by_syllables):
             if from_ >= duration or to < 0 or (to == 0 and from_ < 0):
                 counts[outside] += 1
                 continue
@@ -121,4 +107,4 @@ def _fit(cells: list[tuple[float, float, str]], duration: float) -> tuple[list[W
             words.append(Word(token, max(from_, 0.0), min(to, duration)))
     words.sort(key=lambda word: (word.start, word.end, word.text))
     counts[overlapping] = sum(a.end > b.start + _FRAME_SLACK for a, b in itertools.pairwise(words))
-    return words, counts
+    return tuple(words), {what: count for what, count in counts.items() if count}

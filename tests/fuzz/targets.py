@@ -16,7 +16,7 @@ from gesturegen import inputs, recordings
 from gesturegen.config import Config, load_config
 from gesturegen.motion import bvh, positions
 from gesturegen.motion.skeleton import Motion, Skeleton
-from gesturegen.speech import audio, transcript
+from gesturegen.speech import audio, transcript, transcripts
 from tests.builders import ARM, ARM_ROW, bursts, bvh_text, chain, random_motion
 
 # A keyword list of one word saves reading the one that comes with gesturegen.
@@ -224,6 +224,46 @@ def _words_hold(_: Path, found: tuple) -> None:
     assert not any(inputs.control_character(note) for note in notes)
 
 
+def _read_words(path: Path) -> tuple:
+    return transcripts.read(path, 5.0)
+
+
+_TEXTGRID = '''File type = "ooTextFile"
+Object class = "TextGrid"
+
+xmin = 0
+xmax = 5
+tiers? <exists>
+size = 2
+item []:
+    item [1]:
+        class = "IntervalTier"
+        name = "words"
+        xmin = 0
+        xmax = 5
+        intervals: size = 2
+        intervals [1]:
+            xmin = 0
+            xmax = 1.5
+            text = "say ""hey"""
+        intervals [2]:
+            xmin = 1.5
+            xmax = 5
+            text = "<sil>"
+    item [2]:
+        class = "TextTier"
+        name = "marks"
+        xmin = 0
+        xmax = 5
+        points: size = 1
+        points [1]:
+            number = 1
+            mark = "a"
+'''
+_CUE_TOKENS = ("-->", "00:00:01,000", "00:60.000", "1:00:00.5", "\n\n", "\n", "<i>", "<00:00:01.000>", "{\\an8}", "[music]", "&#0;", "&#xD800;",
+               "7", "\x00", "\u2028", "<" * 50, "[" * 50)  # fmt: skip
+
+
 TARGETS = {
     "config": _text_target(
         (
@@ -277,7 +317,45 @@ TARGETS = {
     "OGG": _sounds((_sound(format="OGG"), _sound(2, format="OGG")), ".ogg"),
     "transcript": _text_target(
         ("0.1\t0.4\thello there\n0.5\t0.9\tone\n1.0\t1.2\t#\n", "0 1 hi\r\n1 2 two words\r\n4.9 9.5 é\r\n"),
-        _TSV_TOKENS, ".tsv", lambda path: transcript.read(path, 5.0), _words_hold,
+        _TSV_TOKENS, ".tsv", _read_words, _words_hold,
+    ),
+    "table": _text_target(
+        ('start;end;speaker;text\n0,1;0,4;A;"hello; there"\n0,5;0,9;A;one\n', "100,300,hi\n1000,3000,two words\n4000,4500,é\n",
+         "0:00:01.5,0:00:02.25,hello\n0:00:03,0:00:04,you\n"),
+        (*_TSV_TOKENS, *_CSV_TOKENS, "start", "end", "duration", "text", "_ms", "00:00:01,5", "\\"), ".csv", _read_words, _words_hold,
+    ),
+    "TextGrid": _text_target(
+        (_TEXTGRID, 'File type = "ooTextFile"\nObject class = "TextGrid"\n\n0\n5\n<exists>\n1\n"IntervalTier"\n"words"\n0\n5\n2\n'
+         '0\n1\n""\n1\n1.5\n"hey"\n'),
+        ('"', '""', "xmin = ", "xmax = ", "item [1]:", "intervals [1]:", "intervals: size = 9", "text = ", '"TextTier"', '"IntervalTier"',
+         "\n", "1e308", "nan", "<exists>", "<absent>", "99999999", "\x00", "\ufeff"),
+        ".TextGrid", _read_words, _words_hold,
+    ),
+    "SRT": _text_target(
+        ("1\n00:00:00,100 --> 00:00:00,900\nHello <i>there</i>,\n[laughs] you\n\n2\n00:00:01,000 --> 00:00:02,500\n{\\an8}two &amp; three\n",),
+        _CUE_TOKENS, ".srt", _read_words, _words_hold,
+    ),
+    "WebVTT": _text_target(
+        ("WEBVTT - a title\n\nNOTE x\n\n00:00.100 --> 00:00.900 align:start\n<v Ann>Hello there\n\n"
+         "00:01.000 --> 00:02.500\nso<00:01.500><c> well</c>\n\n00:02.500 --> 00:02.600\nso well\nthen\n",),
+        ("WEBVTT", "NOTE", "STYLE", *_CUE_TOKENS), ".vtt", _read_words, _words_hold,
+    ),
+    "JSON": _text_target(
+        ('{"segments": [{"start": 0, "end": 2, "text": "hi you", "words": [{"word": " hi", "start": 0.1, "end": 0.4, "score": 1}, '
+         '{"word": "2014"}, {"word": "you", "start": 1, "end": 1.5}]}], "language": "en"}',
+         '{"segments": [{"start": 0.5, "end": 1.25, "text": " hi you"}]}', '{"transcription": [{"offsets": {"from": 100, "to": 900}, "text": "a"}]}',
+         '[{"text": "one", "start": 100, "end": 3000}, {"text": "two", "start": 4000, "end": 4500}]'),
+        ("{", "}", "[", "]", ",", ":", '"', "null", "true", "NaN", "-Infinity", "1e999", "9" * 400, '"words": []', '"word": 3', '"start": "1"',
+         "[" * 2000, '"\\ud800"', "\\u0000", "\x00"),
+        ".json", _read_words, _words_hold,
+    ),
+    "CTM": _text_target(
+        (";; x\ninput 1 0.10 0.30 hello 0.9\ninput 1 0.5 0.25 you\nother 1 0 1 no\n",), (*_TSV_TOKENS, ";;", "input 1 "), ".ctm",
+        _read_words, _words_hold,
+    ),
+    "text": _text_target(
+        ("Hello there, [laughs] it is 2014.\nAnd so on.\n", "well\r\n"), (*_TSV_TOKENS, "[", "]", "-->", "{", "WEBVTT"), ".txt",
+        _read_words, _words_hold,
     ),
     "positions": Target(
         (
