@@ -59,6 +59,36 @@ class Data(_Section):
     tests: str | None = None
 
 
+class MotionFiles(_Section):
+    unit: Literal["auto", "cm", "m", "mm", "inch"] | Positive = "auto"
+    up_axis: Literal["auto", "y", "z"] = "auto"
+    same_skeleton: Annotated[float, Field(ge=0, lt=0.1)] = 0.01
+
+
+class SkeletonRoles(_Section):
+    """Names of joints by role, for skeletons whose roles are not recognised; null leaves it to recognition."""
+
+    pelvis: str | None = None
+    neck: str | None = None
+    head: str | None = None
+    left_shoulder: str | None = None
+    left_upper_arm: str | None = None
+    left_elbow: str | None = None
+    left_wrist: str | None = None
+    left_hip: str | None = None
+    left_knee: str | None = None
+    left_ankle: str | None = None
+    left_toes: str | None = None
+    right_shoulder: str | None = None
+    right_upper_arm: str | None = None
+    right_elbow: str | None = None
+    right_wrist: str | None = None
+    right_hip: str | None = None
+    right_knee: str | None = None
+    right_ankle: str | None = None
+    right_toes: str | None = None
+
+
 class Wrists(_Section):
     enabled: bool = True
     joints: tuple[str, ...] = ("b_l_wrist", "b_r_wrist", "b_l_wrist_twist", "b_r_wrist_twist")
@@ -617,6 +647,8 @@ class Config(_Section):
     paths: Paths = Paths()
     data: Data = Data()
     fps: Count = 30
+    motion: MotionFiles = MotionFiles()
+    skeleton: SkeletonRoles = SkeletonRoles()
     joints: Literal["all"] | tuple[str, ...] = GENEA_JOINTS
     wrists: Wrists = Wrists()
     blacklist: tuple[str, ...] = ()
@@ -677,6 +709,19 @@ class Config(_Section):
         if self.control.conditions and not self.controls:
             raise PydanticCustomError("value_error", _NO_CONTROL, {"key": "control"})
         return self
+
+    @property
+    def roles(self) -> tuple[tuple[str, str], ...]:
+        """The roles of joints that are set by name: (role, joint)."""
+        return tuple((role, name) for role, name in self.skeleton if name is not None)
+
+    @property
+    def hands(self) -> Control:
+        """Section `control` with the wrists that section `skeleton` names, where `left` and `right` are the default."""
+        default = Control()
+        named = {"left": self.skeleton.left_wrist, "right": self.skeleton.right_wrist}
+        changes = {k: name for k, name in named.items() if name and getattr(self.control, k) == getattr(default, k)}
+        return self.control.model_copy(update=changes)
 
     @property
     def controls(self) -> bool:

@@ -21,6 +21,7 @@ from gesturegen.control.measures import UNITS
 from gesturegen.control.schedule import Demand, Measures, achieved
 from gesturegen.gestures import cutting, rhythm
 from gesturegen.graph.reference_frames import ReferenceFrames
+from gesturegen.joints import settings_for
 from gesturegen.metrics import (
     beats,
     diversity,
@@ -173,6 +174,7 @@ class Heard:
 def locate(motion: Motion, config: Config) -> Joints:
     """Forward kinematics of everything the measures look at."""
     skeleton = motion.skeleton
+    config = settings_for(skeleton, config)
     joints, _ = select_joints(skeleton, config)
     pelvis = skeleton.pelvis(config.positions.root_joint)
     names = [skeleton.names[j] for j in joints]
@@ -461,7 +463,7 @@ def demands_of(trace: Mapping) -> tuple[Demand, ...]:
 
 def hand_curves(joints: Joints, config: Config) -> Measures:
     """Every measure of the hands in every frame of a motion, as the nodes of a library are measured."""
-    return hands.of_positions(joints.relative, joints.names, (0,), joints.fps, config.control)
+    return hands.of_positions(joints.relative, joints.names, (0,), joints.fps, config.hands)
 
 
 def measure_control(

@@ -17,8 +17,9 @@ import numpy as np
 from gesturegen.clips import Reference, select_joints
 from gesturegen.config import Config
 from gesturegen.graph.reference_frames import ReferenceFrames
+from gesturegen.joints import settings_for
 from gesturegen.motion import blend, body, cleanup, feet, kinematics, rotation, smoothing, splice
-from gesturegen.motion.skeleton import Motion
+from gesturegen.motion.skeleton import Motion, Skeleton, written_of
 from gesturegen.search.path import Path, Piece, Track, resampled_indices
 
 # Of times, which are sums of fractions.
@@ -52,8 +53,10 @@ def render(path: Path, references: Sequence[Reference], graph: ReferenceFrames, 
     references : those of the graph, in its order; only those that are shown are looked at. Without a set of joints
     a track moves all of the skeleton, so that fingers follow their arm, unless `fingers: rest`.
     """
+    # Of the first frame alone: references may be many, and read one by one.
+    skeleton = references[0].motion.skeleton
+    config = settings_for(skeleton, config)
     recorded = _Recorded(references, graph, _needed_nodes(path, graph, config), config)
-    skeleton = recorded.first.skeleton
     pelvis = skeleton.pelvis(config.positions.root_joint)
     rendered = [_render_track(track, recorded, graph, pelvis, config) for track in path.tracks]
     motion, standing = rendered[0].motion, rendered[0]
@@ -76,10 +79,10 @@ def render(path: Path, references: Sequence[Reference], graph: ReferenceFrames, 
 
 def _render_track(track: Track, recorded: _Recorded, graph: ReferenceFrames, pelvis: int, config: Config) -> _Rendered:
     pieces, nodes = track.pieces, track.nodes
-    source = recorded.take(nodes)
     before = nodes[:-1]
     hold = np.append(False, nodes[1:] == before)
     steps = _Steps(hold, np.append(False, (nodes[1:] != graph.successors[before]) & (nodes[1:] != before)))
+    source = _cut_angles(recorded.take(nodes), steps.jump)
     # A body that stands still would go on standing, whatever the recording does next.
     successors = recorded.take(np.where(hold, nodes, graph.successors[nodes]))
     offsets = np.zeros((len(nodes), 6))
@@ -116,6 +119,13 @@ def _render_track(track: Track, recorded: _Recorded, graph: ReferenceFrames, pel
         bearing=recorded.bearing(nodes[kept][np.round(times).astype(int)]),
         jumps=jumps,
     )
+
+
+def _cut_angles(motion: Motion, jumps: np.ndarray) -> Motion:
+    """The motion without the file's angles in frames that do not follow on the one before."""
+    if not len(motion.written_joints):
+        return motion
+    return replace(motion, written_angles=np.where(jumps[:, None, None], np.nan, motion.written_angles))
 
 
 def _with_joints(motion: Motion, other: Motion, joints: Sequence[int]) -> Motion:
@@ -162,13 +172,14 @@ class _Recorded:
         for clip in np.unique(clips):
             motion = references[clip].motion
             frames = nodes[clips == clip] - graph.clip_starts[clip]
-            parts.append(motion.take(frames))
+            parts.append(_on_skeleton(motion.take(frames), self.first.skeleton))
             bearing.append(_foot_contacts(motion, config.feet.joints)[frames])
             motions.append(motion)
         self.motion = replace(
             self.first,
             rotations=np.concatenate([part.rotations for part in parts]),
             positions=np.concatenate([part.positions for part in parts]),
+            **written_of(parts),
         )
         self._bearing = np.concatenate(bearing)
         self.travelling = kinematics.travelling_joint(motions)
@@ -179,6 +190,22 @@ class _Recorded:
     def bearing(self, nodes: np.ndarray) -> np.ndarray:
         """bool `[shape=(n, F)]`: which of the feet that there are bear weight."""
         return self._bearing[np.searchsorted(self.nodes, nodes)]
+
+
+def _on_skeleton(motion: Motion, skeleton: Skeleton) -> Motion:
+    """A motion with the bones of another skeleton of the same performer, as files of that skeleton hold it.
+
+    Joints that do not travel are where the other OFFSETs have them.
+    """
+    own = motion.skeleton
+    moved = np.flatnonzero((own.offsets != skeleton.offsets).any(axis=1))
+    if not len(moved):
+        return motion if own is skeleton else replace(motion, skeleton=skeleton)
+    positions = np.array(motion.positions, dtype=np.float64)
+    at_rest = np.abs(positions - own.offsets).max(axis=(0, 2), initial=0.0) < 1e-9
+    for joint in moved[at_rest[moved]].tolist():
+        positions[:, joint] = skeleton.offsets[joint]
+    return replace(motion, skeleton=skeleton, positions=positions)
 
 
 def _foot_contacts(motion: Motion, joints: Sequence[str]) -> np.ndarray:

@@ -13,6 +13,7 @@ import numpy as np
 
 from gesturegen.config import Config
 from gesturegen.graph.reference_frames import ReferenceFrames
+from gesturegen.joints import settings_for
 from gesturegen.metrics import alignment, beats, detectability, frechet, knees, stillness
 from gesturegen.motion import kinematics, mirror
 from gesturegen.motion.feet import leg_of
@@ -85,6 +86,7 @@ def curves_of(
 ) -> Curves:
     """The curves of a motion; names, joints, parents : of the joints that distances are measured on, as selected."""
     skeleton, fps = motion.skeleton, motion.fps
+    config = settings_for(skeleton, config)
     pelvis = skeleton.pelvis(config.positions.root_joint)
     seen = kinematics.relative_positions(motion, list(joints), pelvis, "root_heading")
     relative = kinematics.relative_positions(motion, list(joints), pelvis, "root")

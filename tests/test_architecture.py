@@ -15,6 +15,7 @@ ROOMS = [
     {"workers"},
     {"config"},
     {"motion"},
+    {"joints"},
     {"speech"},
     {"recordings"},
     {"clips"},

@@ -10,6 +10,7 @@ from gesturegen.config import Control
 from gesturegen.control.measures import hand_measures
 from gesturegen.errors import DataError
 from gesturegen.graph.reference_frames import ReferenceFrames
+from gesturegen.motion import roles
 
 
 def of_nodes(library: ReferenceFrames, control: Control) -> dict[tuple[str, str], np.ndarray]:
@@ -27,6 +28,9 @@ def of_positions(
     places = []
     for side in ("left", "right"):
         name = getattr(control, side)
+        if name not in joint_names and name == getattr(Control(), side):
+            # Another family's skeleton, which has no joint of the default's name.
+            name = roles.hand_named(joint_names, side) or name
         if name not in joint_names:
             raise DataError(
                 f"control.{side}: {name!r} is none of the joints that are measured (joints): {', '.join(joint_names)}"

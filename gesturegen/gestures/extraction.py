@@ -17,6 +17,7 @@ from gesturegen.gestures import cutting, fingers, quality, rhythm, style
 from gesturegen.gestures.transitions import Borders
 from gesturegen.graph import continuity
 from gesturegen.graph.reference_frames import positions_of
+from gesturegen.joints import roles_of, settings_for
 from gesturegen.motion import body, kinematics, mirror, rotation
 from gesturegen.motion.skeleton import Motion, Skeleton, read_only
 from gesturegen.recordings import is_listed
@@ -233,7 +234,9 @@ class _Body:
     """What gesture clips are compared by, frame by frame: of the upper body, of the lower one, of the hands."""
 
     def __init__(self, motion: Motion, config: Config):
-        skeleton, scale = motion.skeleton, config.positions.scale
+        skeleton = motion.skeleton
+        config = settings_for(skeleton, config)
+        scale = config.positions.scale
         self.fps, self.notes = motion.fps, []
         pelvis = skeleton.pelvis(config.positions.root_joint)
         chosen, _ = select_joints(skeleton, config)
@@ -259,8 +262,13 @@ class _Body:
             )
         seen = kinematics.relative_positions(motion, hands, pelvis, "root_heading") * scale
         self.hands = seen.reshape(motion.n_frames, len(hands), 3)
-        # In the rest pose the body faces along z, and its right is where x is negative.
-        self.right = [k for k, j in enumerate(hands) if body.rest_positions(skeleton)[j, 0] < 0]
+        # A right hand by its role; else, at rest the body faces along z, and its right is where x is negative.
+        found = roles_of(skeleton, config)
+        known = {found[f"{side}_wrist"]: side for side in ("left", "right")}
+        self.right = [
+            k for k, j in enumerate(hands)
+            if (known[j] == "right" if j in known else body.rest_positions(skeleton)[j, 0] < 0)
+        ]  # fmt: skip
         finger_joints = body.fingers(skeleton, config.wrists.joints)
         self.has_fingers = fingers.has_fingers(motion.rotations[:, finger_joints])
         self.joint_names = {

@@ -13,8 +13,9 @@ from gesturegen.clips import Reference, check_settings, select_joints
 from gesturegen.config import Config, Continuity
 from gesturegen.errors import DataError
 from gesturegen.graph import continuity
+from gesturegen.joints import roles_of, settings_for
 from gesturegen.keynodes import BREAK, KEYWORD, ONSET, KeyNodes, of_reference, reference_speaking
-from gesturegen.motion import kinematics
+from gesturegen.motion import kinematics, roles
 from gesturegen.motion.skeleton import Motion, Skeleton, read_only
 from gesturegen.stored import arrays as stored_arrays
 from gesturegen.stored.arrays import Array, Kind
@@ -123,16 +124,20 @@ class ExtendedFrames(ReferenceFrames):
         return tuple(zip(self.clip_names, self.mirrored.tolist(), strict=True))
 
 
-def require_one_skeleton(references: Sequence[Reference]) -> Skeleton:
-    """The skeleton of all references; DataError when they differ."""
-    return one_skeleton([(reference.name, reference.motion.skeleton) for reference in references])
+def require_one_skeleton(references: Sequence[Reference], config: Config) -> Skeleton:
+    """The skeleton of all references, as by `one_skeleton`."""
+    return one_skeleton([(reference.name, reference.motion.skeleton) for reference in references], config)
 
 
-def one_skeleton(named: Sequence[tuple[str, Skeleton]]) -> Skeleton:
-    """The skeleton of all clips, given by name; DataError when they differ."""
+def one_skeleton(named: Sequence[tuple[str, Skeleton]], config: Config) -> Skeleton:
+    """The skeleton of the first of all clips, given by name; DataError when they are not of one performer.
+
+    OFFSETs may differ as those of one performer's recordings do that were calibrated on different days.
+    """
     (first, skeleton), *others = named
+    tolerance = offset_tolerance(skeleton, config)
     for name, other in others:
-        difference = skeleton.difference(other)
+        difference = skeleton.difference(other, tolerance)
         if difference:
             raise DataError(
                 f"clips {first} and {name} cannot share a graph: {difference}; choose clips of one skeleton"
@@ -140,10 +145,16 @@ def one_skeleton(named: Sequence[tuple[str, Skeleton]]) -> Skeleton:
     return skeleton
 
 
+def offset_tolerance(skeleton: Skeleton, config: Config) -> float:
+    """By how much the OFFSETs of one performer's recordings may differ, in cm (`motion.same_skeleton`)."""
+    height = roles.body_height(skeleton, roles_of(skeleton, config))
+    return max(config.motion.same_skeleton * height, 1e-4)
+
+
 def positions_of(motion: Motion, config: Config) -> np.ndarray:
     """Positions as used for distances: float32 `[shape=(T, J, 3)]`, seen from the pelvis as the config says."""
     joints, _ = select_joints(motion.skeleton, config)
-    pelvis = motion.skeleton.pelvis(config.positions.root_joint)
+    pelvis = motion.skeleton.pelvis(settings_for(motion.skeleton, config).positions.root_joint)
     found = kinematics.relative_positions(motion, joints, pelvis, config.positions.relative_to)
     return (found * config.positions.scale).astype(np.float32)
 

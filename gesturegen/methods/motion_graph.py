@@ -78,7 +78,7 @@ def _control(graph: MotionGraph, speech: Speech, config: Config) -> tuple:
     """What is demanded of the hands, and the prices of frames that show otherwise; None where nothing is."""
     if not config.control.conditions:
         return (), None
-    values = hands.of_nodes(graph, config.control)
+    values = hands.of_nodes(graph, config.hands)
     demands = schedule.demands(config.control, speech.name, speech.n_frames, speech.fps, values)
     if not demands:
         return (), None

@@ -23,7 +23,7 @@ from gesturegen.inspection import traces
 from gesturegen.methods import METHODS
 from gesturegen.metrics.feet import FootSkate
 from gesturegen.metrics.usage import training_utilisation
-from gesturegen.motion import bvh, cleanup, positions
+from gesturegen.motion import cleanup, positions, space
 from gesturegen.parallel import Outcome, for_each
 from gesturegen.pipeline.common import (
     Summary,
@@ -292,7 +292,7 @@ def _measure_control(
     demands = evaluation.demands_of(trace)
     if not demands:
         return []
-    recorded = hands.of_nodes(library, config.control)
+    recorded = hands.of_nodes(library, config.hands)
     return evaluation.measure_control(demands, evaluation.hand_curves(generated, config), recorded, trace["fps"])
 
 
@@ -305,7 +305,7 @@ def require_same_joints(path: str | Path, truth: evaluation.Joints, generated: e
 def locate_file(path: Path, config: Config) -> evaluation.Joints:
     """The joints of a BVH file, or of an `.npz` file with `positions`."""
     if path.suffix.lower() == ".bvh":
-        return evaluation.locate(cleanup.resample(bvh.read(path), config.fps), config)
+        return evaluation.locate(cleanup.resample(space.read(path, config), config.fps), config)
     return evaluation.from_positions(positions.read(path), config)
 
 
