@@ -38,6 +38,8 @@ GENEA_JOINTS = (
 )  # fmt: skip
 
 
+# Centimetres in the units that BVH files come in.
+UNITS = {"cm": 1.0, "m": 100.0, "mm": 0.1, "inch": 2.54}
 # Of one file that are told; each takes a look for the nearest name.
 _MOST_MISTAKES = 20
 
@@ -60,9 +62,17 @@ class Data(_Section):
 
 
 class MotionFiles(_Section):
-    unit: Literal["auto", "cm", "m", "mm", "inch"] | Positive = "auto"
+    unit: float | str = "auto"
     up_axis: Literal["auto", "y", "z"] = "auto"
     same_skeleton: Annotated[float, Field(ge=0, lt=0.1)] = 0.01
+
+    @field_validator("unit", mode="before")
+    @classmethod
+    def _a_unit(cls, unit: Any) -> Any:
+        number = isinstance(unit, (int, float)) and not isinstance(unit, bool)
+        if unit in ("auto", *UNITS) or (number and 1e-6 <= unit <= 1e6):
+            return unit
+        raise PydanticCustomError("unit", "'auto', 'cm', 'm', 'mm', 'inch' or the number of centimetres in one unit")
 
 
 class SkeletonRoles(_Section):

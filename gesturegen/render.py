@@ -53,10 +53,9 @@ def render(path: Path, references: Sequence[Reference], graph: ReferenceFrames, 
     references : those of the graph, in its order; only those that are shown are looked at. Without a set of joints
     a track moves all of the skeleton, so that fingers follow their arm, unless `fingers: rest`.
     """
-    # Of the first frame alone: references may be many, and read one by one.
-    skeleton = references[0].motion.skeleton
-    config = settings_for(skeleton, config)
     recorded = _Recorded(references, graph, _needed_nodes(path, graph, config), config)
+    skeleton = recorded.first.skeleton
+    config = settings_for(skeleton, config)
     pelvis = skeleton.pelvis(config.positions.root_joint)
     rendered = [_render_track(track, recorded, graph, pelvis, config) for track in path.tracks]
     motion, standing = rendered[0].motion, rendered[0]
@@ -168,12 +167,13 @@ class _Recorded:
         self.nodes = nodes
         clips = np.searchsorted(graph.clip_starts, nodes, side="right") - 1
         self.first = references[0].motion.take(slice(0, 1))
+        feet_joints = settings_for(self.first.skeleton, config).feet.joints
         parts, bearing, motions = [], [], []
         for clip in np.unique(clips):
             motion = references[clip].motion
             frames = nodes[clips == clip] - graph.clip_starts[clip]
             parts.append(_on_skeleton(motion.take(frames), self.first.skeleton))
-            bearing.append(_foot_contacts(motion, config.feet.joints)[frames])
+            bearing.append(_foot_contacts(motion, feet_joints)[frames])
             motions.append(motion)
         self.motion = replace(
             self.first,

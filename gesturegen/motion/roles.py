@@ -19,9 +19,9 @@ from gesturegen.motion.skeleton import Skeleton
 
 SIDES = ("left", "right")
 _MIDDLE = ("pelvis", "neck", "head")
-_LIMBS = ("shoulder", "upper_arm", "elbow", "wrist", "hip", "knee", "ankle", "toes")
+LIMBS = ("shoulder", "upper_arm", "elbow", "wrist", "hip", "knee", "ankle", "toes")
 # Every role that one joint has.
-ROLES = (*_MIDDLE, *(f"{side}_{part}" for side in SIDES for part in _LIMBS))
+ROLES = (*_MIDDLE, *(f"{side}_{part}" for side in SIDES for part in LIMBS))
 # Joints nearer than this share of the body's height to the joint above are at the same place.
 _SAME_PLACE = 1e-4
 
@@ -535,7 +535,7 @@ def describe(skeleton: Skeleton, roles: Roles) -> dict[str, list[str]]:
         return [skeleton.names[joint] for joint in joints if joint >= 0]
 
     rows = {"pelvis": of(roles["pelvis"]), "spine": of(*roles.spine), "neck": of(roles["neck"]), "head": of(roles["head"])}
-    for part in _LIMBS:
+    for part in LIMBS:
         if part == "hip":
             rows |= {f"{side} fingers": of(*roles.fingers.get(side, ())) for side in SIDES}
         rows |= {f"{side} {part.replace('_', ' ')}": of(roles[f"{side}_{part}"]) for side in SIDES}

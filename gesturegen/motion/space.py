@@ -12,11 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from gesturegen.config import Config, MotionFiles
+from gesturegen.config import UNITS, Config, MotionFiles
 from gesturegen.motion import axes, bvh, kinematics, roles
 from gesturegen.motion.skeleton import Motion, Skeleton, Space
 
-UNITS = {"cm": 1.0, "m": 100.0, "mm": 0.1, "inch": 2.54}
 # Centimetres in the unit of the CMU recordings: 1 / 0.45 of an inch.
 _CMU = 2.54 / 0.45
 # Centimetres, of people and of what is drawn like people.
