@@ -21,7 +21,7 @@ from gesturegen.control.measures import UNITS
 from gesturegen.control.schedule import Demand, Measures, achieved
 from gesturegen.gestures import cutting, rhythm
 from gesturegen.graph.reference_frames import ReferenceFrames
-from gesturegen.joints import settings_for
+from gesturegen.joints import hand_names, settings_for
 from gesturegen.metrics import (
     beats,
     diversity,
@@ -141,7 +141,7 @@ class Joints:
 
     world : [shape=(T, K, 3)], selected joints, cm; relative : the same seen from the pelvis, as distances are
     feet : [shape=(T, F, 3)], world; parents : [shape=(K,)], among the selected joints, None where unknown
-    wrists : places of the wrist joints among the selected ones; names : of the selected joints, where they are known
+    wrists : places of the wrist joints among the selected ones; names : of the selected joints, where they are known; hands : of left and right, by role
     curves : what a viewer's measures look at, None where only positions are known
     """
 
@@ -152,6 +152,7 @@ class Joints:
     wrists: list[int]
     fps: float
     names: tuple[str, ...] = ()
+    hands: tuple[str, ...] = ()
     curves: viewer.Curves | None = None
 
 
@@ -189,6 +190,7 @@ def locate(motion: Motion, config: Config) -> Joints:
         wrists=[names.index(name) for name in config.wrists.joints if name in names],
         fps=motion.fps,
         names=tuple(names),
+        hands=hand_names(skeleton, config),
         curves=viewer.curves_of(motion, names, joints, parents, config),
     )
 
@@ -463,7 +465,7 @@ def demands_of(trace: Mapping) -> tuple[Demand, ...]:
 
 def hand_curves(joints: Joints, config: Config) -> Measures:
     """Every measure of the hands in every frame of a motion, as the nodes of a library are measured."""
-    return hands.of_positions(joints.relative, joints.names, (0,), joints.fps, config.hands)
+    return hands.of_positions(joints.relative, joints.names, (0,), joints.fps, config.hands, joints.hands)
 
 
 def measure_control(

@@ -80,6 +80,12 @@ def settings_for(skeleton: Skeleton, config: Config) -> Config:
     return config.model_copy(update=changes) if changes else config
 
 
+def hand_names(skeleton: Skeleton, config: Config) -> tuple[str, ...]:
+    """The joints that are the left and the right hand by their roles; nothing where one is not known."""
+    found = roles_of(skeleton, config).pair("wrist")
+    return tuple(skeleton.names[joint] for joint in found) if len(found) == 2 else ()
+
+
 def _wrists(skeleton: Skeleton, found: Roles) -> list[int]:
     """The wrists, and joints between elbow and wrist that twist the forearm."""
     joints = found.pair("wrist")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from gesturegen.clips import Reference, check_settings, select_joints
 from gesturegen.config import Config, Continuity
 from gesturegen.errors import DataError
 from gesturegen.graph import continuity
-from gesturegen.joints import roles_of, settings_for
+from gesturegen.joints import hand_names, roles_of, settings_for
 from gesturegen.keynodes import BREAK, KEYWORD, ONSET, KeyNodes, of_reference, reference_speaking
 from gesturegen.motion import kinematics, roles
 from gesturegen.motion.skeleton import Motion, Skeleton, read_only
@@ -31,6 +31,7 @@ class ReferenceFrames:
     source_frames : int [shape=(N,)], each node's frame in its recording
     segment_starts : int [shape=(S,)], first nodes of the uninterrupted stretches
     key_nodes : onset, keyword and break nodes
+    hand_names : the joints that are the left and the right hand by their roles, as far as there are any
     speaking : bool [shape=(N,)], False in the pauses of the references' speech
     """
 
@@ -43,11 +44,12 @@ class ReferenceFrames:
     segment_starts: np.ndarray
     key_nodes: KeyNodes
     speaking: np.ndarray
+    hand_names: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self):
-        for field in fields(self):
-            if field.type == "np.ndarray":
-                object.__setattr__(self, field.name, read_only(getattr(self, field.name)))
+        for own in fields(self):
+            if own.type == "np.ndarray":
+                object.__setattr__(self, own.name, read_only(getattr(self, own.name)))
 
     @property
     def n_nodes(self) -> int:
@@ -165,6 +167,7 @@ def describe(reference: Reference, config: Config) -> dict:
     joints, _ = select_joints(skeleton, config)
     return {
         "joint_names": tuple(skeleton.names[j] for j in joints),
+        "hand_names": hand_names(skeleton, config),
         "fps": reference.motion.fps,
         "clip_names": (reference.name,),
         "clip_starts": np.array([0]),
@@ -203,6 +206,7 @@ ARRAYS = {
     "clip_digests": Array("str", "digests"),
     "positions": Array("f4", "N J 3"),
     "joint_names": Array("str", "J"),
+    "hand_names": Array("str", "hands"),
     "fps": Array("f8", "", stored_arrays.within(1e-3, 1e5)),
     "clip_names": Array("str", "C"),
     "clip_starts": Array("i8", "C", stored_arrays.starts("N")),
@@ -256,6 +260,7 @@ def save(
             "clip_digests": np.array(clip_digests, dtype=str),
             **{name: np.asarray(value) for name, value in values.items()},
             "fps": np.array(float(library.fps)),
+            "hand_names": np.array(library.hand_names, dtype=str),
             "key_frames": nodes.frames,
             "key_kinds": nodes.kinds,
             "key_words": nodes.keywords,
@@ -284,6 +289,7 @@ def load(
         return made(
             **{field.name: stored[field.name] for field in fields(made) if field.type == "np.ndarray"},
             joint_names=tuple(map(str, stored["joint_names"])),
+            hand_names=tuple(map(str, stored["hand_names"])),
             fps=float(stored["fps"]),
             clip_names=tuple(map(str, stored["clip_names"])),
             key_nodes=KeyNodes(stored["key_frames"], stored["key_kinds"], stored["key_words"]),

@@ -39,7 +39,7 @@ def split(skeleton: Skeleton, pelvis: int) -> Body:
     upper, limbs = [], []
     for branch, joints in below.items():
         up, down = bool(upper_ends & set(joints)), bool(lower_ends & set(joints))
-        if down and not up or (up == down and _hangs(skeleton, rest, joints, rest[pelvis])):
+        if (down and not up) or (up == down and _hangs(skeleton, rest, joints, rest[pelvis])):
             continue
         upper.extend(joints)
         chest = _chest(skeleton, branch)

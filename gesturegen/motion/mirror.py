@@ -11,6 +11,7 @@ import numpy as np
 
 from gesturegen.errors import DataError
 from gesturegen.motion import kinematics, rotation
+from gesturegen.motion.roles import LIMB_WORDS
 from gesturegen.motion.skeleton import Motion, Skeleton
 
 # A word, or a letter that begins a word and is all of it (`b_l_arm`, `Hand.L`) or stands before a capital (`LArm`).
@@ -55,8 +56,8 @@ def partners(names: Sequence[str], pairs: Sequence[tuple[str, str]] = ()) -> np.
 def _opposites(name: str) -> list[str]:
     """The name with each of its side markers exchanged, one at a time."""
     found = [name[: side.start()] + _OTHER[side[0]] + name[side.end() :] for side in _SIDE.finditer(name)]
-    # `lfemur`, of CMU's own skeletons: whether the l is a marker is seen by whether there is an `rfemur`.
-    return found + ([_OTHER[name[0]] + name[1:]] if name[:1] in _OTHER and name[1:2].islower() else [])
+    # `lfemur`, of CMU's own skeletons.
+    return found + ([_OTHER[name[0]] + name[1:]] if name[:1] in _OTHER and name[1:] in LIMB_WORDS else [])
 
 
 def _unknown(name: str, names: list[str]) -> str:

@@ -41,7 +41,8 @@ _ELBOWS = ("elbow", "forearm", "lowerarm", "lowarm", "radius", "lower arm")
 _HIPS = ("thigh", "upleg", "upperleg", "femur", "hip")
 _KNEES = ("knee", "shin", "calf", "tibia", "lowerleg", "lowleg", "leg")
 _TOES = ("toe", "toes", "toebase", "ball", "forefoot", "footf", "foot")
-_VOCABULARY = {
+# What follows a side without anything between: `lfemur`, `rightfoot`.
+LIMB_WORDS = {
     *_COLLARS, *_UPPER_ARMS, *_ELBOWS, *_HIPS, *_KNEES, *_TOES, "shoulder", "hand", "wrist", "ankle", "hipjoint",
     "fingers", "thumb", "index", "middle", "ring", "pinky", "buttock", "scapula",
 }  # fmt: skip
@@ -77,7 +78,7 @@ def _read(name: str) -> _Name:
     if not side and kept:
         for mark, of in (("left", "left"), ("right", "right"), ("l", "left"), ("r", "right")):
             rest = kept[0].removeprefix(mark)
-            if rest != kept[0] and rest and (rest in _VOCABULARY or len(mark) > 1):
+            if rest != kept[0] and rest and (rest in LIMB_WORDS or len(mark) > 1):
                 side, kept[0] = of, rest
                 break
     helper = bool(_HELPERS & set(kept)) or any(word.endswith(("nub", "twist")) for word in kept)
@@ -516,16 +517,6 @@ def family_of(names: Sequence[str]) -> str:
     if {"LeftForeArm", "LeftUpLeg"} <= bare:
         return "MotionBuilder names"
     return ""
-
-
-def hand_named(names: Sequence[str], side: str) -> str | None:
-    """The name of a hand's wrist among some joints' names, where names alone can tell it."""
-    read = [_read(name) for name in names]
-    for stem in ("wrist", "hand"):
-        for name, parts in zip(names, read, strict=True):
-            if parts.side == side and parts.stem == stem and not parts.helper:
-                return name
-    return None
 
 
 def describe(skeleton: Skeleton, roles: Roles) -> dict[str, list[str]]:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from gesturegen.config import UNITS, Config, MotionFiles
-from gesturegen.motion import axes, bvh, kinematics, roles
+from gesturegen.motion import axes, bvh, kinematics, roles, rotation
 from gesturegen.motion.skeleton import Motion, Skeleton, Space
 
 # Centimetres in the unit of the CMU recordings: 1 / 0.45 of an inch.
@@ -71,7 +71,7 @@ def _vertical(motion: Motion, found: roles.Roles) -> str:
     if not _stands(places, 2):
         return "y"
     # Somebody who lies along z, or a body that stands along z? At rest the latter does too, or its feet are on a floor.
-    rest = np.zeros((1, len(motion.skeleton.names), 4)) + [1.0, 0.0, 0.0, 0.0]
+    rest = np.tile(rotation.IDENTITY, (1, len(motion.skeleton.names), 1))
     lying = Motion(motion.skeleton, rest, np.asarray(motion.skeleton.offsets)[None], motion.fps)
     at_rest = kinematics.joint_positions(lying, [pelvis, head, *ankles])
     if not _stands(at_rest, 1):

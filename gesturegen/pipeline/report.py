@@ -21,7 +21,7 @@ from gesturegen.stored import documents, sealing
 
 _OWN_LABELS = ("generated", "truth")
 # What tells in a graph where the hands of the references are.
-_PLACES = ("positions", "joint_names", "segment_starts", "fps")
+_PLACES = ("positions", "joint_names", "hand_names", "segment_starts", "fps")
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,8 @@ def _reenacted(name: str, work: Path, config: Config, label: str) -> dict:
         shown = evaluation.hand_curves(evaluation.locate(motion, config), config)
         names = stored["joint_names"].tolist()
         recorded = hands.of_positions(
-            stored["positions"], names, stored["segment_starts"], float(stored["fps"]), config.hands
+            stored["positions"], names, stored["segment_starts"], float(stored["fps"]), config.hands,
+            stored["hand_names"].tolist(),
         )
         control = pack.pack_control(demands, shown, recorded, motion.fps)
     return pack.pack_motion(motion, config, label, pack.pack_trace(trace, stored["source_frames"], control))
