@@ -17,7 +17,7 @@ import numpy as np
 from gesturegen import files
 from gesturegen.config import Config
 from gesturegen.errors import DamagedError, DataError
-from gesturegen.joints import settings_for
+from gesturegen.joints import roles_of, settings_for
 from gesturegen.motion import cleanup, kinematics, rotation, space
 from gesturegen.motion.skeleton import Motion, Skeleton, Space, read_only
 from gesturegen.recordings import Recording, is_listed
@@ -286,9 +286,11 @@ def select_joints(skeleton: Skeleton, config: Config) -> tuple[list[int], list[s
         return everything, []
     own = settings_for(skeleton, config)
     if own.joints != config.joints:
+        found = roles_of(skeleton, config)
+        known = f"recognised as {found.family}" if found.family else "recognised by its shape"
         note = (
-            f"the skeleton has none of the configured joints, so {len(own.joints)} of its {len(everything)} are used: "
-            "trunk, head, arms and legs, by their roles (joints; `gesturegen inspect FILE.bvh` shows them)"
+            f"the skeleton has none of the configured joints; {known}, so {len(own.joints)} of its {len(everything)} are "
+            "used: trunk, head, arms and legs (joints; `gesturegen inspect FILE.bvh` shows them)"
         )
         return [skeleton.names.index(name) for name in own.joints], [note]
     missing = [name for name in config.joints if name not in skeleton.names]

@@ -35,7 +35,7 @@ from gesturegen.metrics import (
     synchrony,
     usage,
 )
-from gesturegen.motion import kinematics
+from gesturegen.motion import kinematics, space
 from gesturegen.motion.skeleton import Motion
 from gesturegen.submission import shown_nodes
 
@@ -143,6 +143,7 @@ class Joints:
     feet : [shape=(T, F, 3)], world; parents : [shape=(K,)], among the selected joints, None where unknown
     wrists : places of the wrist joints among the selected ones; names : of the selected joints, where they are known; hands : of left and right, by role
     curves : what a viewer's measures look at, None where only positions are known
+    notes : what was taken for granted of the file
     """
 
     world: np.ndarray
@@ -154,6 +155,7 @@ class Joints:
     names: tuple[str, ...] = ()
     hands: tuple[str, ...] = ()
     curves: viewer.Curves | None = None
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,6 +194,7 @@ def locate(motion: Motion, config: Config) -> Joints:
         names=tuple(names),
         hands=hand_names(skeleton, config),
         curves=viewer.curves_of(motion, names, joints, parents, config),
+        notes=tuple(space.notes(skeleton, config)),
     )
 
 

@@ -66,7 +66,10 @@ def settings_for(skeleton: Skeleton, config: Config) -> Config:
         if sides[side] and unknown(getattr(config.control, side), getattr(Control(), side))
     })  # fmt: skip
     if unknown(config.motion_matching.joints, MotionMatching().joints):
-        put("motion_matching", joints=named([*found.pair("elbow"), *found.pair("wrist"), *_finger_roots(skeleton, found)]))
+        put(
+            "motion_matching",
+            joints=named([*found.pair("elbow"), *found.pair("wrist"), *_finger_roots(skeleton, found)]),
+        )
     evaluation = {}
     if unknown(config.evaluation.seam_joints, Evaluation().seam_joints):
         middle = [found["pelvis"], *found.spine[-1:], found["head"]]

@@ -284,7 +284,8 @@ def velocity_ratio(
     To the truth; without one to the recordings themselves, then of parts of the clip as long as half of a recording at
     most, since a stretch that is nearly all of it is at no distance. NaN where nothing is known of hands and head.
     """
-    sources = [one.curves.velocities for one in recorded if one.curves.velocities.shape[1]]
+    # A recording of one frame has no stretch.
+    sources = [one.curves.velocities for one in recorded if one.curves.velocities.shape[1] and one.curves.n_frames > 1]
     aim = np.concatenate(sources) if truth is None and sources else truth and truth.velocities
     if not sources or aim.shape[1] != curves.velocities.shape[1]:
         return NAN

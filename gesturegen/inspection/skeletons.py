@@ -36,7 +36,9 @@ def describe_skeleton(path: Path, config: Config) -> dict:
         "is_body": found.is_body,
         "by_shape": list(found.by_shape),
         "roles": roles.describe(skeleton, found),
-        "settings": {name: list(value) if value != "all" else ["all"] for name, get in _SETTINGS if (value := get(own))},
+        "settings": {
+            name: list(value) if value != "all" else ["all"] for name, get in _SETTINGS if (value := get(own))
+        },
         "notes": space.notes(skeleton, config),
     }
 

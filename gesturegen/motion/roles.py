@@ -327,9 +327,7 @@ def _by_shape(tree: _Tree, named: Mapping[str, int]) -> dict[str, int]:
     return found
 
 
-def _symmetric_branches(
-    tree: _Tree, at: int, below: tuple[int, set[int]] | None
-) -> tuple[int, int, int] | None:
+def _symmetric_branches(tree: _Tree, at: int, below: tuple[int, set[int]] | None) -> tuple[int, int, int] | None:
     """The joint nearest to the root from which two long branches of equal bones hang, and another branch; and the two.
 
     at : the only joint that may be it, -1 for any; below : a joint that it hangs on (or is), and branches it is not in
@@ -383,7 +381,9 @@ def _alike(tree: _Tree, one: list[int], other: list[int]) -> bool:
     first, second = tree.lengths[one], tree.lengths[other]
     longest = max(first.max(), second.max())
     # Two long bones at least: fingers and faces have none.
-    return bool(longest > 0 and np.abs(first - second).max() <= 0.15 * longest and (first[1:] > 0.5 * longest).sum() >= 2)
+    return bool(
+        longest > 0 and np.abs(first - second).max() <= 0.15 * longest and (first[1:] > 0.5 * longest).sum() >= 2
+    )
 
 
 def _limb(tree: _Tree, branch: int) -> list[int] | None:
@@ -435,7 +435,9 @@ def _spine(tree: _Tree, joints: Mapping[str, int]) -> tuple[int, ...]:
 def _body_joints(tree: _Tree, joints: Mapping[str, int], fingers: Mapping[str, Sequence[int]]) -> tuple[int, ...]:
     """Joints from the pelvis to head, wrists and ankles, each place once: no fingers, toes, face or helpers."""
     pelvis = joints.get("pelvis", -1)
-    ends = [joints[role] for role in ("head", *(f"{s}_{p}" for s in SIDES for p in ("wrist", "ankle"))) if role in joints]
+    ends = [
+        joints[role] for role in ("head", *(f"{s}_{p}" for s in SIDES for p in ("wrist", "ankle"))) if role in joints
+    ]
     kept = set(joints.values()) - {joints.get(f"{side}_toes", -1) for side in SIDES}
     height = float(tree.lengths.max(initial=0.0))
     for end in ends:
@@ -525,7 +527,12 @@ def describe(skeleton: Skeleton, roles: Roles) -> dict[str, list[str]]:
     def of(*joints: int) -> list[str]:
         return [skeleton.names[joint] for joint in joints if joint >= 0]
 
-    rows = {"pelvis": of(roles["pelvis"]), "spine": of(*roles.spine), "neck": of(roles["neck"]), "head": of(roles["head"])}
+    rows = {
+        "pelvis": of(roles["pelvis"]),
+        "spine": of(*roles.spine),
+        "neck": of(roles["neck"]),
+        "head": of(roles["head"]),
+    }
     for part in LIMBS:
         if part == "hip":
             rows |= {f"{side} fingers": of(*roles.fingers.get(side, ())) for side in SIDES}

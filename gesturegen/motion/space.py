@@ -109,5 +109,7 @@ def notes(skeleton: Skeleton, config: Config) -> list[str]:
     elif not set_unit and height > 0 and not _SMALLEST <= height <= _LARGEST:
         lines.append(f"its figure is {height:.4g} units tall, which fits no unit: taken for cm; set motion.unit")
     if space.up != "y":
-        lines.append(f"{space.up} is taken to be up{', as set' if set_up else ''} (motion.up_axis); written back as it came")
+        lines.append(
+            f"{space.up} is taken to be up{', as set' if set_up else ''} (motion.up_axis); written back as it came"
+        )
     return lines

@@ -11,7 +11,15 @@ from gesturegen.errors import DamagedError, DataError
 from gesturegen.joints import settings_for
 from gesturegen.motion import bvh, cleanup, screening, space
 from gesturegen.parallel import Outcome, describe_bugs, for_each
-from gesturegen.pipeline.common import INDEX_VERSION, Summary, clip_path, relative_to_work, require_writable, work_path
+from gesturegen.pipeline.common import (
+    INDEX_VERSION,
+    Summary,
+    by_kind,
+    clip_path,
+    relative_to_work,
+    require_writable,
+    work_path,
+)
 from gesturegen.recordings import Recording
 from gesturegen.speech import audio
 from gesturegen.stored import documents, sealing
@@ -43,7 +51,7 @@ def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None =
     index_path = work_path(config, "clips", "index.json")
     lost = documents.damage(index_path, documents.Index, "preprocess") if reuse else []
     documents.write(index_path, _index(config, references, tests, outcome))
-    summary = Summary(outcome, _by_kind([(name, note) for name, done in outcome.done.items() for note in done["notes"]]))
+    summary = Summary(outcome, by_kind([(name, note) for name, done in outcome.done.items() for note in done["notes"]]))
     summary.warnings += [("index", note) for note in lost]
     summary.warnings += _unmatched_patterns(config, references)
     summary.warnings += [
@@ -76,21 +84,6 @@ def _preprocess_clip(
     if export_bvh is not None and clip.motion is not None:
         bvh.write(export_bvh / f"{clip.name}.bvh", clip.motion)
     return {"notes": [*lost, *clip.all_notes(config)], "speaker": clip.speaker, "seconds": clip.duration}
-
-
-def _by_kind(notes: list[tuple[str, str]]) -> list[tuple[str, str]]:
-    """The notes, with what is taken for granted of units and axes told once, of the first of the clips that it is of."""
-    kinds: dict[str, list[int]] = {}
-    for place, (_, note) in enumerate(notes):
-        if (kind := space.kind_of(note)) is not None:
-            kinds.setdefault(kind, []).append(place)
-    told, left_out = dict(enumerate(notes)), set()
-    for places in kinds.values():
-        name, note = notes[places[0]]
-        if len(places) > 1:
-            told[places[0]] = (name, f"and {len(places) - 1} more clips: {note}")
-        left_out.update(places[1:])
-    return [note for place, note in told.items() if place not in left_out]
 
 
 def _refuse_twins(references: dict[str, Recording], tests: dict[str, Recording]) -> None:

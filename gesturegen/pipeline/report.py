@@ -158,7 +158,11 @@ def _reenacted(name: str, work: Path, config: Config, label: str) -> dict:
         shown = evaluation.hand_curves(evaluation.locate(motion, config), config)
         names = stored["joint_names"].tolist()
         recorded = hands.of_positions(
-            stored["positions"], names, stored["segment_starts"], float(stored["fps"]), config.hands,
+            stored["positions"],
+            names,
+            stored["segment_starts"],
+            float(stored["fps"]),
+            config.hands,
             stored["hand_names"].tolist(),
         )
         control = pack.pack_control(demands, shown, recorded, motion.fps)

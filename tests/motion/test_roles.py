@@ -80,7 +80,10 @@ FAMILIES = [
 ]
 CMU = person("Hips", ("LowerBack", "Spine", "Spine1"), ("Neck", "Neck1"), "Head", MB_ARM, ("{s}UpLeg", *MB_LEG[1:]), WORDS,
              helpers=(("LHipJoint", "Hips"), ("RHipJoint", "Hips")), under_hand=("{s}FingerBase",))  # fmt: skip
-ASF_ARM, ASF_LEG = ("{s}clavicle", "{s}humerus", "{s}radius", "{s}wrist"), ("{s}femur", "{s}tibia", "{s}foot", "{s}toes")
+ASF_ARM, ASF_LEG = (
+    ("{s}clavicle", "{s}humerus", "{s}radius", "{s}wrist"),
+    ("{s}femur", "{s}tibia", "{s}foot", "{s}toes"),
+)
 ASF = person("root", ("lowerback", "upperback", "thorax"), ("lowerneck", "upperneck"), "head", ASF_ARM, ASF_LEG, ("l", "r"),
              under_hand=("{s}hand", "{s}thumb"), helpers=(("lhipjoint", "root"), ("rhipjoint", "root")))  # fmt: skip
 BEAT_ARM, BEAT_LEG = ("{s}Shoulder", "{s}Arm", "{s}Arm1", "{s}Hand"), ("{s}UpLeg", "{s}Leg", "{s}Foot", "{s}ToeBase")
@@ -100,13 +103,21 @@ NEURON = person("Hips", ("Spine", "Spine1", "Spine2"), ("Neck", "Neck1"), "Head"
                 under_hand=("{s}HandThumb1", "{s}InHandIndex", "{s}InHandPinky"))  # fmt: skip
 LAFAN_LEG = ("{s}UpLeg", "{s}Leg", "{s}Foot", "{s}Toe")
 LAFAN = person("Hips", ("Spine", "Spine1", "Spine2"), ("Neck",), "Head", MB_ARM, LAFAN_LEG, WORDS)
-SMPL_ARM, SMPL_LEG = ("{s}_Collar", "{s}_Shoulder", "{s}_Elbow", "{s}_Wrist"), ("{s}_Hip", "{s}_Knee", "{s}_Ankle", "{s}_Foot")
-SMPL = person("Pelvis", ("Spine1", "Spine2", "Spine3"), ("Neck",), "Head", SMPL_ARM, SMPL_LEG, LR, under_hand=("{s}_Hand",))
+SMPL_ARM, SMPL_LEG = (
+    ("{s}_Collar", "{s}_Shoulder", "{s}_Elbow", "{s}_Wrist"),
+    ("{s}_Hip", "{s}_Knee", "{s}_Ankle", "{s}_Foot"),
+)
+SMPL = person(
+    "Pelvis", ("Spine1", "Spine2", "Spine3"), ("Neck",), "Head", SMPL_ARM, SMPL_LEG, LR, under_hand=("{s}_Hand",)
+)
 SMPLX_ARM = ("{s}_collar", "{s}_shoulder", "{s}_elbow", "{s}_wrist")
 SMPLX_LEG = ("{s}_hip", "{s}_knee", "{s}_ankle", "{s}_foot")
 SMPLX = person("pelvis", ("spine1", "spine2", "spine3"), ("neck",), "head", SMPLX_ARM, SMPLX_LEG,
                under_hand=("{s}_index1", "{s}_thumb1"), helpers=(("jaw", "head"), ("left_eye_smplhf", "head")))  # fmt: skip
-UE_ARM, UE_LEG = ("clavicle_{s}", "upperarm_{s}", "lowerarm_{s}", "hand_{s}"), ("thigh_{s}", "calf_{s}", "foot_{s}", "ball_{s}")
+UE_ARM, UE_LEG = (
+    ("clavicle_{s}", "upperarm_{s}", "lowerarm_{s}", "hand_{s}"),
+    ("thigh_{s}", "calf_{s}", "foot_{s}", "ball_{s}"),
+)
 UNREAL = person("pelvis", ("spine_01", "spine_02", "spine_03"), ("neck_01",), "head", UE_ARM, UE_LEG, ("l", "r"),
                 above=("root",), under_hand=("index_01_{s}", "thumb_01_{s}"),
                 helpers=(("ik_foot_root", "root"), ("ik_hand_root", "root"), ("ik_hand_gun", "ik_hand_root"),
@@ -155,7 +166,9 @@ def test_families(family, skeleton, prefix, pelvis, head, arm, leg, left):
     assert found.family == family
     assert found.is_body and not found.by_shape
     named = {role: skeleton.names[joint] for role, joint in found.joints.items()}
-    parts = dict(zip(("shoulder", "upper_arm", "elbow", "wrist", "hip", "knee", "ankle", "toes"), (*arm, *leg), strict=True))
+    parts = dict(
+        zip(("shoulder", "upper_arm", "elbow", "wrist", "hip", "knee", "ankle", "toes"), (*arm, *leg), strict=True)
+    )
     right = {"Left": "Right", "left": "right", "L": "R", "l": "r"}[left]
     wanted = {
         f"{side}_{role}": prefix + part.format(s=marker)
@@ -175,7 +188,9 @@ def test_families(family, skeleton, prefix, pelvis, head, arm, leg, left):
     assert 120 < roles.body_height(skeleton, found) < 200
 
 
-@pytest.mark.parametrize("skeleton", [CMU, UNREAL, XSENS, BANDAI, NEURON], ids=["cmu", "unreal", "xsens", "bandai", "neuron"])
+@pytest.mark.parametrize(
+    "skeleton", [CMU, UNREAL, XSENS, BANDAI, NEURON], ids=["cmu", "unreal", "xsens", "bandai", "neuron"]
+)
 def test_a_body_without_names_is_recognised_by_its_shape(skeleton):
     bare = make_skeleton([f"joint{n}" for n in range(len(skeleton.names))], skeleton.parents, skeleton.offsets)
     wanted, found = roles.recognise(skeleton), roles.recognise(bare)

@@ -52,7 +52,9 @@ def test_unit_and_vertical_are_told_from_the_body(tmp_path, skeleton, up, name, 
     np.testing.assert_allclose(kinematics.joint_positions(found), kinematics.joint_positions(motion), atol=2e-3)
     notes = space.notes(found.skeleton, CONFIG)
     assert len(notes) == (unit != 1.0) + (up != "y")
-    assert all(word in " ".join(notes) for word in ([f" in {name}, "] * (unit != 1.0) + ["z is taken to be up"] * (up != "y")))
+    assert all(
+        word in " ".join(notes) for word in ([f" in {name}, "] * (unit != 1.0) + ["z is taken to be up"] * (up != "y"))
+    )
     # Written back as it came, the hierarchy to the letter and the frames to rounding.
     again = bvh.format_bvh(found).splitlines()
     assert again[: again.index("MOTION") + 3] == text.splitlines()[: again.index("MOTION") + 3]
@@ -90,7 +92,9 @@ def test_rest_poses_that_lie_do_not_matter(tmp_path):
     for joint in range(len(bones)):
         child = next(iter(LAFAN.children(joint)), None)
         if child is not None and lengths[child] > 0:
-            aligned[:, joint] = rotation.multiply(world[:, joint], rotation.between(np.array([[1.0, 0, 0]]), bones[[child]]))
+            aligned[:, joint] = rotation.multiply(
+                world[:, joint], rotation.between(np.array([[1.0, 0, 0]]), bones[[child]])
+            )
     local = np.array(aligned)
     for joint, parent in enumerate(LAFAN.parents):
         if parent >= 0:
