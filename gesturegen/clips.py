@@ -17,7 +17,7 @@ import numpy as np
 from gesturegen import files
 from gesturegen.config import Config
 from gesturegen.errors import DamagedError, DataError
-from gesturegen.joints import roles_of, settings_for
+from gesturegen.joints import roles_of, settings_for, unknown_names
 from gesturegen.motion import cleanup, kinematics, rotation, space
 from gesturegen.motion.skeleton import Motion, Skeleton, Space, read_only
 from gesturegen.recordings import Recording, is_listed
@@ -239,7 +239,7 @@ def prepare(recording: Recording, config: Config, with_motion: bool) -> Clip:
 def _with_motion(clip: Clip, recording: Recording, config: Config) -> Clip:
     notes = list(clip.notes)
     motion = space.read(recording.motion_path, config)
-    notes += space.notes(motion.skeleton, config)
+    notes += space.notes(motion.skeleton, config) + unknown_names(motion.skeleton, config)
     own = settings_for(motion.skeleton, config)
     if motion.fps != config.fps:
         notes.append(f"{recording.motion_path.name}: {motion.fps:g} fps, resampled to {config.fps}")
@@ -260,12 +260,12 @@ def _with_motion(clip: Clip, recording: Recording, config: Config) -> Clip:
     source_frames = np.flatnonzero(kept)
     if len(source_frames) == 0:
         raise DataError(f"clip {clip.name}: `exclude` leaves no frame of it; shorten the ranges or blacklist the clip")
-    motion = motion.take(source_frames)
+    gaps = np.flatnonzero(np.diff(source_frames) > 1)
+    motion = motion.take(source_frames).cut_at(gaps + 1)
     joints, joint_notes = select_joints(motion.skeleton, config)
     jumps = cleanup.tracking_jumps(
         kinematics.joint_positions(motion, joints), config.fps, config.breaks.max_joint_speed
     )
-    gaps = np.flatnonzero(np.diff(source_frames) > 1)
     segment_starts = np.union1d([0], np.union1d(jumps, gaps) + 1).astype(int)
     motion, wrist_notes = cleanup.clean_wrists(motion, segment_starts, own.wrists)
     notes += joint_notes + wrist_notes

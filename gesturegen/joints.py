@@ -7,6 +7,7 @@ its own joints of the same roles stand in for them (`motion/roles.py`). Joints t
 from __future__ import annotations
 
 from collections.abc import Sequence
+from difflib import get_close_matches
 
 from gesturegen.config import (
     GENEA_JOINTS,
@@ -81,6 +82,20 @@ def settings_for(skeleton: Skeleton, config: Config) -> Config:
         put("evaluation", **evaluation)
     changes = {key: value for key, value in changes.items() if value != getattr(config, key)}
     return config.model_copy(update=changes) if changes else config
+
+
+def unknown_names(skeleton: Skeleton, config: Config) -> list[str]:
+    """Names in the config that are none of this skeleton's joints and so say nothing, a line for each."""
+    given = [(f"skeleton.{role}", name) for role, name in config.roles]
+    if config.feet.joints != Feet().joints:
+        given += [("feet.joints", name) for name in config.feet.joints]
+    lines = []
+    for key, name in given:
+        if name not in skeleton.names:
+            near = get_close_matches(name, skeleton.names, n=1, cutoff=0.4)
+            hint = f"; nearest is {near[0]!r}" if near else ""
+            lines.append(f"{key}: the skeleton has no joint {name!r}, so this says nothing{hint}")
+    return lines
 
 
 def hand_names(skeleton: Skeleton, config: Config) -> tuple[str, ...]:

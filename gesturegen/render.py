@@ -81,7 +81,7 @@ def _render_track(track: Track, recorded: _Recorded, graph: ReferenceFrames, pel
     before = nodes[:-1]
     hold = np.append(False, nodes[1:] == before)
     steps = _Steps(hold, np.append(False, (nodes[1:] != graph.successors[before]) & (nodes[1:] != before)))
-    source = _cut_angles(recorded.take(nodes), steps.jump)
+    source = recorded.take(nodes).cut_at(steps.jump)
     # A body that stands still would go on standing, whatever the recording does next.
     successors = recorded.take(np.where(hold, nodes, graph.successors[nodes]))
     offsets = np.zeros((len(nodes), 6))
@@ -118,13 +118,6 @@ def _render_track(track: Track, recorded: _Recorded, graph: ReferenceFrames, pel
         bearing=recorded.bearing(nodes[kept][np.round(times).astype(int)]),
         jumps=jumps,
     )
-
-
-def _cut_angles(motion: Motion, jumps: np.ndarray) -> Motion:
-    """The motion without the file's angles in frames that do not follow on the one before."""
-    if not len(motion.written_joints):
-        return motion
-    return replace(motion, written_angles=np.where(jumps[:, None, None], np.nan, motion.written_angles))
 
 
 def _with_joints(motion: Motion, other: Motion, joints: Sequence[int]) -> Motion:

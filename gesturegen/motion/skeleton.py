@@ -168,6 +168,14 @@ class Motion:
             written_angles=self.written_angles[frames],
         )  # fmt: skip
 
+    def cut_at(self, frames) -> Motion:
+        """The motion, of which some frames (numbers, or bool for each) do not follow on the one before in a file."""
+        if not len(self.written_joints):
+            return self
+        angles = np.array(self.written_angles)
+        angles[frames] = np.nan
+        return replace(self, written_angles=angles)
+
 
 def written_of(motions: Sequence[Motion]) -> dict[str, np.ndarray]:
     """`written_joints` and `written_angles` of motions one after the other, as arguments of `Motion`."""
