@@ -23,6 +23,8 @@ _SMALLEST, _LARGEST = 80.0, 260.0
 _SAMPLES = 200
 # How much of a body is along the axis that is up: its cosine, in the median over frames.
 _UPRIGHT = 0.7
+# The same of legs, which are bent where somebody sits.
+_LEGS = 0.2
 
 
 def read(path: str | Path, config: Config) -> Motion:
@@ -66,29 +68,41 @@ def _vertical(motion: Motion, found: roles.Roles) -> str:
     ankles = found.pair("ankle")
     places = kinematics.joint_positions(motion.take(frames), [pelvis, head, *ankles])
     height = max(roles.body_height(motion.skeleton, found), 1e-9)
-    if _stands(places, 1):
+    trunk, legs = _along(places, 1)
+    if trunk > _UPRIGHT and legs > _LEGS:
         return "y"
-    if not _stands(places, 2):
+    trunk, legs = _along(places, 2)
+    resting = _rests_along(motion.skeleton, [pelvis, head, *ankles])
+    # Whoever sits on the floor has legs that say nothing.
+    if trunk <= _UPRIGHT or (legs <= _LEGS and resting != "z"):
         return "y"
-    # Somebody who lies along z, or a body that stands along z? At rest the latter does too, or its feet are on a floor.
-    rest = np.tile(rotation.IDENTITY, (1, len(motion.skeleton.names), 1))
-    lying = Motion(motion.skeleton, rest, np.asarray(motion.skeleton.offsets)[None], motion.fps)
-    at_rest = kinematics.joint_positions(lying, [pelvis, head, *ankles])
-    if not _stands(at_rest, 1):
+    if resting != "y" or not ankles:
         return "z"
-    if not ankles:
-        return "z"
+    # At rest along y: somebody who lies along z, or a body that was turned to stand along z? That has its feet on a floor.
     floor = np.percentile(places[:, 2:, 2].min(axis=1), 10)
     return "z" if abs(floor) < 0.2 * height or np.ptp(places[:, 0, 1]) > 0.5 * height else "y"
 
 
-def _stands(places: np.ndarray, axis: int) -> bool:
-    """Whether pelvis, head and ankles `[shape=(T, 2 + A, 3)]` are above each other along an axis, in most frames."""
-    ways = [places[:, 1] - places[:, 0]]
-    if places.shape[1] > 2:
-        ways.append(places[:, 0] - places[:, 2:].mean(axis=1))
-    upright = [way[:, axis] / np.maximum(np.linalg.norm(way, axis=1), 1e-9) for way in ways]
-    return all(float(np.median(one)) > _UPRIGHT for one in upright)
+def _along(places: np.ndarray, axis: int) -> tuple[float, float]:
+    """How much of trunk and legs of pelvis, head and ankles `[shape=(T, 2 + A, 3)]` is along an axis.
+
+    Cosines, the median over frames; legs that are not there are along any axis.
+    """
+    pelvis, head, ankles = places[:, 0], places[:, 1], places[:, 2:]
+    legs = _cosine(pelvis - ankles.mean(axis=1), axis) if ankles.shape[1] else 1.0
+    return _cosine(head - pelvis, axis), legs
+
+
+def _cosine(ways: np.ndarray, axis: int) -> float:
+    return float(np.median(ways[:, axis] / np.maximum(np.linalg.norm(ways, axis=1), 1e-9)))
+
+
+def _rests_along(skeleton: Skeleton, joints: Sequence[int]) -> str:
+    """The axis along which a body stands where no joint turns; nothing where it stands along neither y nor z."""
+    still = np.tile(rotation.IDENTITY, (1, len(skeleton.names), 1))
+    rest = Motion(skeleton, still, np.asarray(skeleton.offsets)[None], 1.0)
+    places = kinematics.joint_positions(rest, list(joints))
+    return next((name for name, axis in (("y", 1), ("z", 2)) if min(_along(places, axis)) > _UPRIGHT), "")
 
 
 def kind_of(note: str) -> str | None:

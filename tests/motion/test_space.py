@@ -141,3 +141,28 @@ def test_what_is_no_body_stays_as_it_is(tmp_path):
     found = read(tmp_path, as_file(random_motion(chain(4), 3), 100.0))
     assert found.skeleton.space == Space() and space.notes(found.skeleton, CONFIG) == []
     assert roles.recognise(found.skeleton).family == ""
+
+
+@pytest.mark.parametrize("seat", ["chair", "floor"])
+@pytest.mark.parametrize("up", ["y", "z"])
+def test_somebody_who_sits_stands_along_the_trunk(tmp_path, seat, up):
+    motion = standing(LAFAN)
+    rotations = np.array(motion.rotations)
+    found = roles.recognise(LAFAN)
+    for side in roles.SIDES:
+        rotations[:, found[f"{side}_hip"]] = rotation.from_expmap(np.array([[-np.pi / 2, 0.0, 0.0]]))
+        bend = np.pi / 2 if seat == "chair" else 0.0
+        rotations[:, found[f"{side}_knee"]] = rotation.from_expmap(np.array([[bend, 0.0, 0.0]]))
+    assert read(tmp_path, as_file(replace(motion, rotations=rotations), 100.0, up)).skeleton.space == Space(100.0, up)
+
+
+def test_a_body_that_its_root_turns_to_stand_along_z(tmp_path):
+    """OFFSETs with y up, and a root that turns all of it: how some programs export what they show with z up."""
+    motion = standing(LAFAN)
+    turn = rotation.from_expmap(np.array([[np.pi / 2, 0.0, 0.0]]))
+    rotations, positions = np.array(motion.rotations), np.array(motion.positions)
+    rotations[:, 0] = rotation.multiply(turn, rotations[:, 0])
+    positions[:, 0] = rotation.rotate(turn, positions[:, 0])
+    found = read(tmp_path, as_file(replace(motion, rotations=rotations, positions=positions)))
+    assert found.skeleton.space.up == "z"
+    assert np.percentile(kinematics.joint_positions(found)[..., 1], 95) > 120
