@@ -79,12 +79,14 @@ class SkeletonRoles(_Section):
     """Names of joints by role, for skeletons whose roles are not recognised; null leaves it to recognition."""
 
     pelvis: str | None = None
+    spine: tuple[str, ...] | None = None
     neck: str | None = None
     head: str | None = None
     left_shoulder: str | None = None
     left_upper_arm: str | None = None
     left_elbow: str | None = None
     left_wrist: str | None = None
+    left_fingers: tuple[str, ...] | None = None
     left_hip: str | None = None
     left_knee: str | None = None
     left_ankle: str | None = None
@@ -93,6 +95,7 @@ class SkeletonRoles(_Section):
     right_upper_arm: str | None = None
     right_elbow: str | None = None
     right_wrist: str | None = None
+    right_fingers: tuple[str, ...] | None = None
     right_hip: str | None = None
     right_knee: str | None = None
     right_ankle: str | None = None
@@ -721,8 +724,8 @@ class Config(_Section):
         return self
 
     @property
-    def roles(self) -> tuple[tuple[str, str], ...]:
-        """The roles of joints that are set by name: (role, joint)."""
+    def roles(self) -> tuple[tuple[str, str | tuple[str, ...]], ...]:
+        """The roles of joints that are set by name: (role, joint or joints)."""
         return tuple((role, name) for role, name in self.skeleton if name is not None)
 
     @property

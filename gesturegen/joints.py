@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from difflib import get_close_matches
 
+import numpy as np
+
 from gesturegen.config import (
     GENEA_JOINTS,
     Config,
@@ -19,7 +21,7 @@ from gesturegen.config import (
     Positions,
     Wrists,
 )
-from gesturegen.motion import roles
+from gesturegen.motion import body, roles
 from gesturegen.motion.roles import SIDES, Roles
 from gesturegen.motion.skeleton import Skeleton
 
@@ -86,7 +88,9 @@ def settings_for(skeleton: Skeleton, config: Config) -> Config:
 
 def unknown_names(skeleton: Skeleton, config: Config) -> list[str]:
     """Names in the config that are none of this skeleton's joints and so say nothing, a line for each."""
-    given = [(f"skeleton.{role}", name) for role, name in config.roles]
+    given = [
+        (f"skeleton.{role}", name) for role, own in config.roles for name in ((own,) if isinstance(own, str) else own)
+    ]
     if config.feet.joints != Feet().joints:
         given += [("feet.joints", name) for name in config.feet.joints]
     lines = []
@@ -102,6 +106,15 @@ def hand_names(skeleton: Skeleton, config: Config) -> tuple[str, ...]:
     """The joints that are the left and the right hand by their roles; nothing where one is not known."""
     found = roles_of(skeleton, config).pair("wrist")
     return tuple(skeleton.names[joint] for joint in found) if len(found) == 2 else ()
+
+
+def fingers(skeleton: Skeleton, config: Config) -> np.ndarray:
+    """The joints of the fingers, int `[shape=(K,)]`, ascending: those that are set, else all below the wrists."""
+    own = settings_for(skeleton, config)
+    if config.skeleton.left_fingers is None and config.skeleton.right_fingers is None:
+        return body.fingers(skeleton, own.wrists.joints)
+    found = roles_of(skeleton, config).fingers
+    return np.array(sorted({joint for joints in found.values() for joint in joints}), dtype=np.int64)
 
 
 def _wrists(skeleton: Skeleton, found: Roles) -> list[int]:

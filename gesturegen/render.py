@@ -17,7 +17,7 @@ import numpy as np
 from gesturegen.clips import Reference, select_joints
 from gesturegen.config import Config
 from gesturegen.graph.reference_frames import ReferenceFrames
-from gesturegen.joints import settings_for
+from gesturegen.joints import fingers, settings_for
 from gesturegen.motion import blend, body, cleanup, feet, kinematics, rotation, smoothing, splice
 from gesturegen.motion.skeleton import Motion, Skeleton, written_of
 from gesturegen.search.path import Path, Piece, Track, resampled_indices
@@ -72,7 +72,7 @@ def render(path: Path, references: Sequence[Reference], graph: ReferenceFrames, 
     rotations = motion.rotations.copy()
     if config.fingers == "rest":
         selected, _ = select_joints(skeleton, config)
-        rotations[:, np.setdiff1d(body.fingers(skeleton, config.wrists.joints), selected)] = rotation.IDENTITY
+        rotations[:, np.setdiff1d(fingers(skeleton, config), selected)] = rotation.IDENTITY
     return replace(motion, rotations=rotation.normalize(rotations))
 
 

@@ -148,6 +148,13 @@ def test_a_role_can_be_set(tmp_path):
     own = joints.settings_for(LAFAN, config)
     assert own.wrists.joints == ("LeftForeArm", "RightHand") and own.feet.joints == ("LeftFoot", "RightToe")
     assert config.hands.left == "LeftForeArm"
+    config = load_config(None, ["skeleton.spine=[Spine2]", "skeleton.left_fingers=[LeftHand]", "skeleton.head=Hed"])
+    found = joints.roles_of(LAFAN, config)
+    assert [LAFAN.names[joint] for joint in found.spine] == ["Spine2"]
+    assert [LAFAN.names[joint] for joint in joints.fingers(LAFAN, config)] == ["LeftHand"]
+    assert joints.unknown_names(LAFAN, config) == [
+        "skeleton.head: the skeleton has no joint 'Hed', so this says nothing; nearest is 'Head'"
+    ]
 
 
 def test_the_roll_of_a_wrist_is_about_its_forearm():

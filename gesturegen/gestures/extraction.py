@@ -17,6 +17,7 @@ from gesturegen.gestures import cutting, fingers, quality, rhythm, style
 from gesturegen.gestures.transitions import Borders
 from gesturegen.graph import continuity
 from gesturegen.graph.reference_frames import positions_of
+from gesturegen.joints import fingers as fingers_of
 from gesturegen.joints import roles_of, settings_for
 from gesturegen.motion import body, kinematics, mirror, roles, rotation
 from gesturegen.motion.skeleton import Motion, Skeleton, read_only
@@ -288,7 +289,7 @@ class _Body:
             k for k, j in enumerate(hands)
             if (known[j] == "right" if j in known else body.rest_positions(skeleton)[j, 0] < 0)
         ]  # fmt: skip
-        finger_joints = body.fingers(skeleton, config.wrists.joints)
+        finger_joints = fingers_of(skeleton, config)
         self.has_fingers = fingers.has_fingers(motion.rotations[:, finger_joints])
         self.joint_names = {
             name: [skeleton.names[j] for j in joints]

@@ -116,16 +116,17 @@ class Roles:
         return self["pelvis"] >= 0 and self["head"] >= 0 and any(pairs)
 
 
-def recognise(skeleton: Skeleton, overrides: Sequence[tuple[str, str]] = ()) -> Roles:
+def recognise(skeleton: Skeleton, overrides: Sequence[tuple[str, str | tuple[str, ...]]] = ()) -> Roles:
     """The roles of a skeleton's joints.
 
-    overrides : (role, joint name), which win; names that the skeleton does not have say nothing
+    overrides : (role, joint name), which win, with several names for `spine`, `left_fingers` and `right_fingers`; names
+        that the skeleton does not have say nothing
     """
     return _recognise(skeleton, tuple(overrides))
 
 
 @lru_cache(maxsize=64)
-def _recognise(skeleton: Skeleton, overrides: tuple[tuple[str, str], ...]) -> Roles:
+def _recognise(skeleton: Skeleton, overrides: tuple[tuple[str, str | tuple[str, ...]], ...]) -> Roles:
     tree = _Tree(skeleton)
     found = _by_names(tree)
     by_shape: set[str] = set()
@@ -133,14 +134,19 @@ def _recognise(skeleton: Skeleton, overrides: tuple[tuple[str, str], ...]) -> Ro
         shaped = _by_shape(tree, found)
         by_shape = {role for role in shaped if role not in found}
         found = shaped | found
+    several: dict[str, tuple[int, ...]] = {}
     for role, name in overrides:
-        if name in skeleton.names:
+        if not isinstance(name, str):
+            several[role] = tuple(sorted(skeleton.names.index(one) for one in name if one in skeleton.names))
+        elif name in skeleton.names:
             found[role] = skeleton.names.index(name)
             by_shape.discard(role)
     joints = {role: found[role] for role in ROLES if role in found}
-    spine = _spine(tree, joints)
+    spine = several.get("spine", _spine(tree, joints))
     fingers = {
-        side: tuple(skeleton.descendants(joints[f"{side}_wrist"])) for side in SIDES if f"{side}_wrist" in joints
+        side: several.get(f"{side}_fingers", tuple(skeleton.descendants(joints[f"{side}_wrist"])))
+        for side in SIDES
+        if f"{side}_wrist" in joints
     }
     return Roles(
         family_of(skeleton.names), joints, spine, fingers, tuple(sorted(by_shape, key=ROLES.index)),
