@@ -387,14 +387,16 @@ def render(
 @click.option("--plot", type=FILE, metavar="FILE.png", help="Also draw it: edges and degrees, or pieces and joins.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def inspect(config: Config, jobs: int, quiet: bool, target: str, plot: Path | None, as_json: bool) -> None:
-    """Print the figures of a graph or gesture database, or every piece of a trace in one line.
+    """Print the figures of a graph or gesture database, every piece of a trace in one line, or the roles of joints.
 
-    PATH is a graph or a database (.npz), a trace (.trace.json), or the name of a clip in WORK.
+    PATH is a graph or a database (.npz), a trace (.trace.json), the name of a clip in WORK, or a BVH file, of which its
+    unit, its vertical and the joint of each role are told: pelvis, spine, head, wrists, ankles ...
 
     \b
     Examples:
       gesturegen inspect out/graphs/clip.npz --plot graph.png
       gesturegen inspect clip --work out
+      gesturegen inspect take.bvh
       gesturegen inspect out/graphs/multi-1f05ae4d5c30-gestures.npz --json
     """
     run_and_print(quiet, lambda pipeline: pipeline.inspect(config, target, plot, as_json))

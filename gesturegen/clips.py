@@ -17,8 +17,9 @@ import numpy as np
 from gesturegen import files
 from gesturegen.config import Config
 from gesturegen.errors import DamagedError, DataError
-from gesturegen.motion import bvh, cleanup, kinematics, rotation
-from gesturegen.motion.skeleton import Motion, Skeleton, read_only
+from gesturegen.joints import roles_of, settings_for, unknown_names
+from gesturegen.motion import cleanup, kinematics, rotation, space
+from gesturegen.motion.skeleton import Motion, Skeleton, Space, read_only
 from gesturegen.recordings import Recording, is_listed
 from gesturegen.speech import acoustics, alignment, audio, prosody, transcripts
 from gesturegen.speech.acoustics import Acoustics
@@ -28,10 +29,10 @@ from gesturegen.stored import arrays as stored_arrays
 from gesturegen.stored.arrays import Array, Kind
 from gesturegen.stored.sealing import damaged
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 # Everything a stored clip depends on. The onset threshold is applied when a clip is used.
 _SETTINGS = (
-    "fps", "joints", "wrists", "exclude", "breaks", "positions.root_joint",
+    "fps", "joints", "wrists", "exclude", "breaks", "positions.root_joint", "motion.unit", "motion.up_axis", "skeleton",
     "onsets.sample_rate", "onsets.hop_length", "onsets.muted_min_seconds", "onsets.muted_max_seconds",
     "onsets.muted_margin_seconds",
 )  # fmt: skip
@@ -76,6 +77,10 @@ _MOTION = {
     "skeleton_end_sites": Array("f8", "J 3", stored_arrays.finite_or_nan),
     "skeleton_channels": Array("str", "J"),
     "hierarchy": Array("str"),
+    "unit_centimetres": Array("f8", "", stored_arrays.within(1e-6, 1e6)),
+    "up_axis": Array("str"),
+    "written_joints": Array("i8", "written", stored_arrays.rising("J")),
+    "written_angles": Array("f8", "T written 3", stored_arrays.finite_or_nan),
     "rest_positions": Array("f8", "J 3"),
     "moving_joints": Array("i8", "moving", stored_arrays.rising("J")),
     "moving_positions": Array("f8", "T moving 3"),
@@ -94,6 +99,8 @@ def _unfit(stored: Mapping[str, np.ndarray]) -> str | None:
         return "skeleton_parents do not come before their children"
     if stored["source_frames"][-1] >= stored["n_recorded"]:
         return f"source_frames lie beyond the {stored['n_recorded']} frames that were recorded"
+    if str(stored["up_axis"]) not in ("y", "z"):
+        return "up_axis is neither y nor z"
     if not np.isin(stored["joint_names"], stored["skeleton_names"]).all():
         return "joint_names are not of the skeleton"
     return None
@@ -229,7 +236,9 @@ def prepare(recording: Recording, config: Config, with_motion: bool) -> Clip:
 
 def _with_motion(clip: Clip, recording: Recording, config: Config) -> Clip:
     notes = list(clip.notes)
-    motion = bvh.read(recording.motion_path)
+    motion = space.read(recording.motion_path, config)
+    notes += space.notes(motion.skeleton, config) + unknown_names(motion.skeleton, config)
+    own = settings_for(motion.skeleton, config)
     if motion.fps != config.fps:
         notes.append(f"{recording.motion_path.name}: {motion.fps:g} fps, resampled to {config.fps}")
         motion = cleanup.resample(motion, config.fps)
@@ -249,14 +258,14 @@ def _with_motion(clip: Clip, recording: Recording, config: Config) -> Clip:
     source_frames = np.flatnonzero(kept)
     if len(source_frames) == 0:
         raise DataError(f"clip {clip.name}: `exclude` leaves no frame of it; shorten the ranges or blacklist the clip")
-    motion = motion.take(source_frames)
+    gaps = np.flatnonzero(np.diff(source_frames) > 1)
+    motion = motion.take(source_frames).cut_at(gaps + 1)
     joints, joint_notes = select_joints(motion.skeleton, config)
     jumps = cleanup.tracking_jumps(
         kinematics.joint_positions(motion, joints), config.fps, config.breaks.max_joint_speed
     )
-    gaps = np.flatnonzero(np.diff(source_frames) > 1)
     segment_starts = np.union1d([0], np.union1d(jumps, gaps) + 1).astype(int)
-    motion, wrist_notes = cleanup.clean_wrists(motion, segment_starts, config.wrists)
+    motion, wrist_notes = cleanup.clean_wrists(motion, segment_starts, own.wrists)
     notes += joint_notes + wrist_notes
     return replace(
         clip, motion=motion, source_frames=source_frames, segment_starts=segment_starts, n_recorded=n_recorded,
@@ -267,12 +276,21 @@ def _with_motion(clip: Clip, recording: Recording, config: Config) -> Clip:
 def select_joints(skeleton: Skeleton, config: Config) -> tuple[list[int], list[str]]:
     """The joint numbers that distances are measured on, and a note when the configured ones do not exist.
 
-    A skeleton with none of the configured joints is of another kind: all its joints are taken. One with
-    only some of them raises DataError.
+    A skeleton with none of the default joints is of another kind: its own joints of the same roles are taken, or all
+    where it is not recognised as a body. One with only some of them raises DataError.
     """
     everything = list(range(len(skeleton.names)))
     if config.joints == "all":
         return everything, []
+    own = settings_for(skeleton, config)
+    if own.joints != config.joints:
+        found = roles_of(skeleton, config)
+        known = f"recognised as {found.family}" if found.family else "recognised by its shape"
+        note = (
+            f"the skeleton has none of the configured joints; {known}, so {len(own.joints)} of its {len(everything)} are "
+            "used: trunk, head, arms and legs (joints; `gesturegen inspect FILE.bvh` shows them)"
+        )
+        return [skeleton.names.index(name) for name in own.joints], [note]
     missing = [name for name in config.joints if name not in skeleton.names]
     if len(missing) == len(config.joints):
         return everything, [
@@ -358,6 +376,10 @@ def save(path: str | Path, clip: Clip, config: Config, digest: str = "") -> None
             "skeleton_end_sites": skeleton.end_sites,
             "skeleton_channels": np.array([" ".join(channels) for channels in skeleton.channels], dtype=str),
             "hierarchy": np.array(skeleton.hierarchy),
+            "unit_centimetres": np.array(float(skeleton.space.scale)),
+            "up_axis": np.array(skeleton.space.up),
+            "written_joints": clip.motion.written_joints,
+            "written_angles": clip.motion.written_angles,
             **_pack_positions(clip.motion.positions),
         }
     stored_arrays.write(path, arrays)
@@ -390,9 +412,13 @@ def load(path: str | Path, config: Config, with_motion: bool = True) -> Clip:
             stored["skeleton_end_sites"],
             tuple(tuple(str(channels).split()) for channels in stored["skeleton_channels"]),
             str(stored["hierarchy"]),
+            Space(float(stored["unit_centimetres"]), str(stored["up_axis"])),
         )
         rotations = rotation.from_expmap(stored["expmaps"])
-        motion = Motion(skeleton, rotations, _unpack_positions(stored, len(rotations)), float(stored["fps"]))
+        motion = Motion(
+            skeleton, rotations, _unpack_positions(stored, len(rotations)), float(stored["fps"]),
+            stored["written_joints"], stored["written_angles"],
+        )  # fmt: skip
         return Clip(
             *described, peaks, words, motion, stored["source_frames"], stored["segment_starts"],
             int(stored["n_recorded"]), notes, contour, sound,

@@ -38,6 +38,8 @@ GENEA_JOINTS = (
 )  # fmt: skip
 
 
+# Centimetres in the units that BVH files come in.
+UNITS = {"cm": 1.0, "m": 100.0, "mm": 0.1, "inch": 2.54}
 # Of one file that are told; each takes a look for the nearest name.
 _MOST_MISTAKES = 20
 
@@ -57,6 +59,47 @@ class Data(_Section):
     truth_split: str | None = None
     references: str | None = None
     tests: str | None = None
+
+
+class MotionFiles(_Section):
+    unit: float | str = "auto"
+    up_axis: Literal["auto", "y", "z"] = "auto"
+    same_skeleton: Annotated[float, Field(ge=0, lt=0.1)] = 0.01
+
+    @field_validator("unit", mode="before")
+    @classmethod
+    def _a_unit(cls, unit: Any) -> Any:
+        number = isinstance(unit, (int, float)) and not isinstance(unit, bool)
+        if unit in ("auto", *UNITS) or (number and 1e-6 <= unit <= 1e6):
+            return unit
+        raise PydanticCustomError("unit", "'auto', 'cm', 'm', 'mm', 'inch' or the number of centimetres in one unit")
+
+
+class SkeletonRoles(_Section):
+    """Names of joints by role, for skeletons whose roles are not recognised; null leaves it to recognition."""
+
+    pelvis: str | None = None
+    spine: tuple[str, ...] | None = None
+    neck: str | None = None
+    head: str | None = None
+    left_shoulder: str | None = None
+    left_upper_arm: str | None = None
+    left_elbow: str | None = None
+    left_wrist: str | None = None
+    left_fingers: tuple[str, ...] | None = None
+    left_hip: str | None = None
+    left_knee: str | None = None
+    left_ankle: str | None = None
+    left_toes: str | None = None
+    right_shoulder: str | None = None
+    right_upper_arm: str | None = None
+    right_elbow: str | None = None
+    right_wrist: str | None = None
+    right_fingers: tuple[str, ...] | None = None
+    right_hip: str | None = None
+    right_knee: str | None = None
+    right_ankle: str | None = None
+    right_toes: str | None = None
 
 
 class Wrists(_Section):
@@ -617,6 +660,8 @@ class Config(_Section):
     paths: Paths = Paths()
     data: Data = Data()
     fps: Count = 30
+    motion: MotionFiles = MotionFiles()
+    skeleton: SkeletonRoles = SkeletonRoles()
     joints: Literal["all"] | tuple[str, ...] = GENEA_JOINTS
     wrists: Wrists = Wrists()
     blacklist: tuple[str, ...] = ()
@@ -677,6 +722,19 @@ class Config(_Section):
         if self.control.conditions and not self.controls:
             raise PydanticCustomError("value_error", _NO_CONTROL, {"key": "control"})
         return self
+
+    @property
+    def roles(self) -> tuple[tuple[str, str | tuple[str, ...]], ...]:
+        """The roles of joints that are set by name: (role, joint or joints)."""
+        return tuple((role, name) for role, name in self.skeleton if name is not None)
+
+    @property
+    def hands(self) -> Control:
+        """Section `control` with the wrists that section `skeleton` names, where `left` and `right` are the default."""
+        default = Control()
+        named = {"left": self.skeleton.left_wrist, "right": self.skeleton.right_wrist}
+        changes = {k: name for k, name in named.items() if name and getattr(self.control, k) == getattr(default, k)}
+        return self.control.model_copy(update=changes)
 
     @property
     def controls(self) -> bool:

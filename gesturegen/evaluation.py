@@ -21,6 +21,7 @@ from gesturegen.control.measures import UNITS
 from gesturegen.control.schedule import Demand, Measures, achieved
 from gesturegen.gestures import cutting, rhythm
 from gesturegen.graph.reference_frames import ReferenceFrames
+from gesturegen.joints import hand_names, settings_for
 from gesturegen.metrics import (
     beats,
     diversity,
@@ -34,7 +35,7 @@ from gesturegen.metrics import (
     synchrony,
     usage,
 )
-from gesturegen.motion import kinematics
+from gesturegen.motion import kinematics, space
 from gesturegen.motion.skeleton import Motion
 from gesturegen.submission import shown_nodes
 
@@ -140,8 +141,9 @@ class Joints:
 
     world : [shape=(T, K, 3)], selected joints, cm; relative : the same seen from the pelvis, as distances are
     feet : [shape=(T, F, 3)], world; parents : [shape=(K,)], among the selected joints, None where unknown
-    wrists : places of the wrist joints among the selected ones; names : of the selected joints, where they are known
+    wrists : places of the wrist joints among the selected ones; names : of the selected joints, where they are known; hands : of left and right, by role
     curves : what a viewer's measures look at, None where only positions are known
+    notes : what was taken for granted of the file
     """
 
     world: np.ndarray
@@ -151,7 +153,9 @@ class Joints:
     wrists: list[int]
     fps: float
     names: tuple[str, ...] = ()
+    hands: tuple[str, ...] = ()
     curves: viewer.Curves | None = None
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +177,7 @@ class Heard:
 def locate(motion: Motion, config: Config) -> Joints:
     """Forward kinematics of everything the measures look at."""
     skeleton = motion.skeleton
+    config = settings_for(skeleton, config)
     joints, _ = select_joints(skeleton, config)
     pelvis = skeleton.pelvis(config.positions.root_joint)
     names = [skeleton.names[j] for j in joints]
@@ -187,7 +192,9 @@ def locate(motion: Motion, config: Config) -> Joints:
         wrists=[names.index(name) for name in config.wrists.joints if name in names],
         fps=motion.fps,
         names=tuple(names),
+        hands=hand_names(skeleton, config),
         curves=viewer.curves_of(motion, names, joints, parents, config),
+        notes=tuple(space.notes(skeleton, config)),
     )
 
 
@@ -461,7 +468,7 @@ def demands_of(trace: Mapping) -> tuple[Demand, ...]:
 
 def hand_curves(joints: Joints, config: Config) -> Measures:
     """Every measure of the hands in every frame of a motion, as the nodes of a library are measured."""
-    return hands.of_positions(joints.relative, joints.names, (0,), joints.fps, config.control)
+    return hands.of_positions(joints.relative, joints.names, (0,), joints.fps, config.hands, joints.hands)
 
 
 def measure_control(

@@ -37,7 +37,7 @@ def to_arrays(motion: Motion) -> dict[str, np.ndarray]:
 
 
 def to_csv(motion: Motion) -> str:
-    """World positions of all joints in file units, one line per frame: `frame,time,<joint>.x,...`."""
+    """World positions of all joints in cm, y up, one line per frame: `frame,time,<joint>.x,...`."""
     positions = kinematics.joint_positions(motion).reshape(motion.n_frames, -1)
     header = io.StringIO()
     names = [f"{name}.{axis}" for name in motion.skeleton.names for axis in "xyz"]
@@ -61,9 +61,10 @@ def continuous(quaternions: np.ndarray) -> np.ndarray:
 # --- glTF ---------------------------------------------------------------------------------------------------
 
 
-def to_glb(motion: Motion, name: str) -> bytes:
+def to_glb(motion: Motion, name: str, pelvis: str = "") -> bytes:
     """A binary glTF 2.0 file: a node per joint, an animation, and a mesh skinned to the joints.
 
+    pelvis : name of the joint that the mesh begins at
     Joints that turn have a rotation sampler and rest unturned; joints that move have a translation sampler.
     Others rest where they always are. Interpolation is LINEAR, the key of frame k stands at k / fps.
     """
@@ -85,7 +86,7 @@ def to_glb(motion: Motion, name: str) -> bytes:
     ]
     nodes.append(gltf.Node(name=f"{name} mesh", mesh=0, skin=0))
     data = _Buffer(gltf)
-    mesh = _add_mesh(gltf, data, rest, name)
+    mesh = _add_mesh(gltf, data, rest, name, pelvis)
     skin = _add_skin(gltf, data, rest, name)
     document = gltf.GLTF2(
         asset=gltf.Asset(version="2.0", generator=f"gesturegen {__version__}"),
@@ -167,9 +168,9 @@ def _add_skin(gltf, data: _Buffer, rest: Motion, name: str):
     )
 
 
-def _add_mesh(gltf, data: _Buffer, rest: Motion, name: str):
+def _add_mesh(gltf, data: _Buffer, rest: Motion, name: str, pelvis: str):
     """A double pyramid along every bone, each bound to the bone's upper joint alone."""
-    vertices, owners, triangles = _double_pyramids(rest)
+    vertices, owners, triangles = _double_pyramids(rest, pelvis)
     weights = np.zeros((len(vertices), 4), dtype=np.float32)
     weights[:, 0] = 1.0
     joints = np.zeros((len(vertices), 4), dtype=np.uint16)
@@ -183,12 +184,12 @@ def _add_mesh(gltf, data: _Buffer, rest: Motion, name: str):
     return gltf.Mesh(name=name, primitives=[gltf.Primitive(attributes=attributes, indices=indices, material=0)])
 
 
-def _double_pyramids(rest: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _double_pyramids(rest: Motion, pelvis: str = "") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Vertices in metres `[shape=(V, 3)]` float32, their joints `[shape=(V,)]`, corners of triangles `[shape=(3 F,)]`."""
     positions = kinematics.joint_positions(rest)[0] / CENTIMETRES_PER_METRE
     bones = [(int(p), j) for j, p in enumerate(rest.skeleton.parents) if p >= 0]
     # What leads from the world's origin to the pelvis is no part of the body.
-    body = rest.skeleton.descendants(rest.skeleton.pelvis(""))
+    body = rest.skeleton.descendants(rest.skeleton.pelvis(pelvis))
     bones = [bone for bone in bones if bone[1] in body] or bones
     bones = [(a, b) for a, b in bones if np.linalg.norm(positions[b] - positions[a]) > 1e-4]
     # A joint alone gets a small one, straight up.

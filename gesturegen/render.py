@@ -17,8 +17,9 @@ import numpy as np
 from gesturegen.clips import Reference, select_joints
 from gesturegen.config import Config
 from gesturegen.graph.reference_frames import ReferenceFrames
+from gesturegen.joints import fingers, settings_for
 from gesturegen.motion import blend, body, cleanup, feet, kinematics, rotation, smoothing, splice
-from gesturegen.motion.skeleton import Motion
+from gesturegen.motion.skeleton import Motion, Skeleton, written_of
 from gesturegen.search.path import Path, Piece, Track, resampled_indices
 
 # Of times, which are sums of fractions.
@@ -54,6 +55,7 @@ def render(path: Path, references: Sequence[Reference], graph: ReferenceFrames, 
     """
     recorded = _Recorded(references, graph, _needed_nodes(path, graph, config), config)
     skeleton = recorded.first.skeleton
+    config = settings_for(skeleton, config)
     pelvis = skeleton.pelvis(config.positions.root_joint)
     rendered = [_render_track(track, recorded, graph, pelvis, config) for track in path.tracks]
     motion, standing = rendered[0].motion, rendered[0]
@@ -70,16 +72,16 @@ def render(path: Path, references: Sequence[Reference], graph: ReferenceFrames, 
     rotations = motion.rotations.copy()
     if config.fingers == "rest":
         selected, _ = select_joints(skeleton, config)
-        rotations[:, np.setdiff1d(body.fingers(skeleton, config.wrists.joints), selected)] = rotation.IDENTITY
+        rotations[:, np.setdiff1d(fingers(skeleton, config), selected)] = rotation.IDENTITY
     return replace(motion, rotations=rotation.normalize(rotations))
 
 
 def _render_track(track: Track, recorded: _Recorded, graph: ReferenceFrames, pelvis: int, config: Config) -> _Rendered:
     pieces, nodes = track.pieces, track.nodes
-    source = recorded.take(nodes)
     before = nodes[:-1]
     hold = np.append(False, nodes[1:] == before)
     steps = _Steps(hold, np.append(False, (nodes[1:] != graph.successors[before]) & (nodes[1:] != before)))
+    source = recorded.take(nodes).cut_at(steps.jump)
     # A body that stands still would go on standing, whatever the recording does next.
     successors = recorded.take(np.where(hold, nodes, graph.successors[nodes]))
     offsets = np.zeros((len(nodes), 6))
@@ -158,17 +160,19 @@ class _Recorded:
         self.nodes = nodes
         clips = np.searchsorted(graph.clip_starts, nodes, side="right") - 1
         self.first = references[0].motion.take(slice(0, 1))
+        feet_joints = settings_for(self.first.skeleton, config).feet.joints
         parts, bearing, motions = [], [], []
         for clip in np.unique(clips):
             motion = references[clip].motion
             frames = nodes[clips == clip] - graph.clip_starts[clip]
-            parts.append(motion.take(frames))
-            bearing.append(_foot_contacts(motion, config.feet.joints)[frames])
+            parts.append(_on_skeleton(motion.take(frames), self.first.skeleton))
+            bearing.append(_foot_contacts(motion, feet_joints)[frames])
             motions.append(motion)
         self.motion = replace(
             self.first,
             rotations=np.concatenate([part.rotations for part in parts]),
             positions=np.concatenate([part.positions for part in parts]),
+            **written_of(parts),
         )
         self._bearing = np.concatenate(bearing)
         self.travelling = kinematics.travelling_joint(motions)
@@ -179,6 +183,22 @@ class _Recorded:
     def bearing(self, nodes: np.ndarray) -> np.ndarray:
         """bool `[shape=(n, F)]`: which of the feet that there are bear weight."""
         return self._bearing[np.searchsorted(self.nodes, nodes)]
+
+
+def _on_skeleton(motion: Motion, skeleton: Skeleton) -> Motion:
+    """A motion with the bones of another skeleton of the same performer, as files of that skeleton hold it.
+
+    Joints that do not travel are where the other OFFSETs have them.
+    """
+    own = motion.skeleton
+    moved = np.flatnonzero((own.offsets != skeleton.offsets).any(axis=1))
+    if not len(moved):
+        return motion if own is skeleton else replace(motion, skeleton=skeleton)
+    positions = np.array(motion.positions, dtype=np.float64)
+    at_rest = np.abs(positions - own.offsets).max(axis=(0, 2), initial=0.0) < 1e-9
+    for joint in moved[at_rest[moved]].tolist():
+        positions[:, joint] = skeleton.offsets[joint]
+    return replace(motion, skeleton=skeleton, positions=positions)
 
 
 def _foot_contacts(motion: Motion, joints: Sequence[str]) -> np.ndarray:

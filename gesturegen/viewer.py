@@ -13,6 +13,7 @@ import numpy as np
 
 from gesturegen.config import Config
 from gesturegen.graph.reference_frames import ReferenceFrames
+from gesturegen.joints import settings_for
 from gesturegen.metrics import alignment, beats, detectability, frechet, knees, stillness
 from gesturegen.motion import kinematics, mirror
 from gesturegen.motion.feet import leg_of
@@ -85,6 +86,7 @@ def curves_of(
 ) -> Curves:
     """The curves of a motion; names, joints, parents : of the joints that distances are measured on, as selected."""
     skeleton, fps = motion.skeleton, motion.fps
+    config = settings_for(skeleton, config)
     pelvis = skeleton.pelvis(config.positions.root_joint)
     seen = kinematics.relative_positions(motion, list(joints), pelvis, "root_heading")
     relative = kinematics.relative_positions(motion, list(joints), pelvis, "root")
@@ -282,7 +284,8 @@ def velocity_ratio(
     To the truth; without one to the recordings themselves, then of parts of the clip as long as half of a recording at
     most, since a stretch that is nearly all of it is at no distance. NaN where nothing is known of hands and head.
     """
-    sources = [one.curves.velocities for one in recorded if one.curves.velocities.shape[1]]
+    # A recording of one frame has no stretch.
+    sources = [one.curves.velocities for one in recorded if one.curves.velocities.shape[1] and one.curves.n_frames > 1]
     aim = np.concatenate(sources) if truth is None and sources else truth and truth.velocities
     if not sources or aim.shape[1] != curves.velocities.shape[1]:
         return NAN

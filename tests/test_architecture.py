@@ -16,6 +16,7 @@ ROOMS = [
     {"config"},
     {"remembered"},
     {"motion"},
+    {"joints"},
     {"speech"},
     {"recordings"},
     {"clips"},

@@ -623,7 +623,7 @@ def changed(path, **arrays):
         ({"expmaps": None, "hierarchy": None, "fps": None}, "no array 'fps' in it"),
         ({"hierarchy": None}, "no array 'hierarchy' in it"),
         ({"settings": None}, "no array 'settings' in it"),
-        ({"format_version": np.array(99)}, "format 99, this version reads 2; run `gesturegen preprocess` again"),
+        ({"format_version": np.array(99)}, "format 99, this version reads 3; run `gesturegen preprocess` again"),
         ({"skeleton_offsets": np.zeros((1, 3))}, "skeleton_offsets has shape"),
         ({"expmaps": np.zeros((60, 1, 3))}, "run `gesturegen preprocess` again"),
         ({"settings": np.array("{")}, "its settings are not JSON"),

@@ -17,7 +17,9 @@ from gesturegen.gestures import cutting, fingers, quality, rhythm, style
 from gesturegen.gestures.transitions import Borders
 from gesturegen.graph import continuity
 from gesturegen.graph.reference_frames import positions_of
-from gesturegen.motion import body, kinematics, mirror, rotation
+from gesturegen.joints import fingers as fingers_of
+from gesturegen.joints import roles_of, settings_for
+from gesturegen.motion import body, kinematics, mirror, roles, rotation
 from gesturegen.motion.skeleton import Motion, Skeleton, read_only
 from gesturegen.recordings import is_listed
 from gesturegen.speech.transcript import Word
@@ -85,19 +87,38 @@ def mirrored(reference: Reference, config: Config) -> Reference:
     """
     skeleton = reference.motion.skeleton
     partners = mirror.partners(skeleton.names, config.gesture_master.joint_pairs)
+    found = roles_of(skeleton, config)
+    # Names that tell no sides: the roles do.
+    for left, right in ((found[f"left_{part}"], found[f"right_{part}"]) for part in roles.LIMBS):
+        if min(left, right) >= 0 and partners[left] == left and partners[right] == right:
+            partners[[left, right]] = right, left
     rest = body.rest_positions(skeleton)
     away = np.linalg.norm(rest - rest[0] - (rest[partners] - rest[0]) * [-1.0, 1.0, 1.0], axis=1)
     # Helpers such as GENEA's `p_l_delt` move nothing, wherever they are.
     away[[not skeleton.children(j) and partners[j] == j for j in range(len(away))]] = 0.0
-    if away.max() > _MOST_ASYMMETRY * np.ptp(rest, axis=0).max():
+    size = np.ptp(rest, axis=0).max()
+    if away.max() <= _MOST_ASYMMETRY * size:
+        motion = mirror.mirror(reference.motion, partners)
+    elif (motion := _mirrored_places(reference.motion, partners, config)) is None:
         raise DataError(
             f"clip {reference.name}: the skeleton at rest is not symmetric (joint {skeleton.names[int(away.argmax())]!r}), "
             "so mirrored copies would be wrong; give gesture_master.joint_pairs, or set gesture_master.mirror=false"
         )
     return Reference(
-        reference.name, mirror.mirror(reference.motion, partners), reference.speech, reference.source_frames,
-        reference.segment_starts,
+        reference.name, motion, reference.speech, reference.source_frames, reference.segment_starts,
     )  # fmt: skip
+
+
+def _mirrored_places(motion: Motion, partners: np.ndarray, config: Config) -> Motion | None:
+    """The motion of a body whose joints have axes of their own at rest, mirrored; None where its bones do not allow it."""
+    found = roles_of(motion.skeleton, config)
+    if not found.is_body:
+        return None
+    made = mirror.mirror_places(motion, partners)
+    joints = list(found.body)
+    wanted = kinematics.joint_positions(motion, partners[joints].tolist()) * [-1.0, 1.0, 1.0]
+    off = np.linalg.norm(kinematics.joint_positions(made, joints) - wanted, axis=-1).max()
+    return made if off <= _MOST_ASYMMETRY * roles.body_height(motion.skeleton, found) else None
 
 
 def clip_name(recording: str, frame: int, fps: float) -> str:
@@ -233,7 +254,9 @@ class _Body:
     """What gesture clips are compared by, frame by frame: of the upper body, of the lower one, of the hands."""
 
     def __init__(self, motion: Motion, config: Config):
-        skeleton, scale = motion.skeleton, config.positions.scale
+        skeleton = motion.skeleton
+        config = settings_for(skeleton, config)
+        scale = config.positions.scale
         self.fps, self.notes = motion.fps, []
         pelvis = skeleton.pelvis(config.positions.root_joint)
         chosen, _ = select_joints(skeleton, config)
@@ -259,9 +282,14 @@ class _Body:
             )
         seen = kinematics.relative_positions(motion, hands, pelvis, "root_heading") * scale
         self.hands = seen.reshape(motion.n_frames, len(hands), 3)
-        # In the rest pose the body faces along z, and its right is where x is negative.
-        self.right = [k for k, j in enumerate(hands) if body.rest_positions(skeleton)[j, 0] < 0]
-        finger_joints = body.fingers(skeleton, config.wrists.joints)
+        # A right hand by its role; else, at rest the body faces along z, and its right is where x is negative.
+        found = roles_of(skeleton, config)
+        known = {found[f"{side}_wrist"]: side for side in ("left", "right")}
+        self.right = [
+            k for k, j in enumerate(hands)
+            if (known[j] == "right" if j in known else body.rest_positions(skeleton)[j, 0] < 0)
+        ]  # fmt: skip
+        finger_joints = fingers_of(skeleton, config)
         self.has_fingers = fingers.has_fingers(motion.rotations[:, finger_joints])
         self.joint_names = {
             name: [skeleton.names[j] for j in joints]

@@ -20,7 +20,7 @@ from gesturegen.stored.arrays import Array, Kind
 FORMAT_VERSION = 3
 # Everything a stored graph depends on beyond its clips.
 SETTINGS = (
-    "fps", "joints", "positions", "continuity", "onsets", "keywords.words", "wrists", "exclude", "breaks",
+    "fps", "joints", "skeleton", "positions", "continuity", "onsets", "keywords.words", "wrists", "exclude", "breaks",
     "pauses", "phrases", "references.seconds",
 )  # fmt: skip
 
@@ -74,7 +74,7 @@ def build(references: Sequence[Reference], config: Config, block_pairs: int | No
 
     Raises DataError when the skeletons differ.
     """
-    require_one_skeleton(references)
+    require_one_skeleton(references, config)
     described = join([describe(reference, config) for reference in references])
     positions = np.concatenate([positions_of(reference.motion, config) for reference in references])
     ends = [phrase_nodes(reference, config.phrases) for reference in references]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 
@@ -13,8 +13,9 @@ from gesturegen.clips import Reference, check_settings, select_joints
 from gesturegen.config import Config, Continuity
 from gesturegen.errors import DataError
 from gesturegen.graph import continuity
+from gesturegen.joints import hand_names, roles_of, settings_for
 from gesturegen.keynodes import BREAK, KEYWORD, ONSET, KeyNodes, of_reference, reference_speaking
-from gesturegen.motion import kinematics
+from gesturegen.motion import kinematics, roles
 from gesturegen.motion.skeleton import Motion, Skeleton, read_only
 from gesturegen.stored import arrays as stored_arrays
 from gesturegen.stored.arrays import Array, Kind
@@ -30,6 +31,7 @@ class ReferenceFrames:
     source_frames : int [shape=(N,)], each node's frame in its recording
     segment_starts : int [shape=(S,)], first nodes of the uninterrupted stretches
     key_nodes : onset, keyword and break nodes
+    hand_names : the joints that are the left and the right hand by their roles, as far as there are any
     speaking : bool [shape=(N,)], False in the pauses of the references' speech
     """
 
@@ -42,11 +44,12 @@ class ReferenceFrames:
     segment_starts: np.ndarray
     key_nodes: KeyNodes
     speaking: np.ndarray
+    hand_names: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self):
-        for field in fields(self):
-            if field.type == "np.ndarray":
-                object.__setattr__(self, field.name, read_only(getattr(self, field.name)))
+        for own in fields(self):
+            if own.type == "np.ndarray":
+                object.__setattr__(self, own.name, read_only(getattr(self, own.name)))
 
     @property
     def n_nodes(self) -> int:
@@ -123,16 +126,20 @@ class ExtendedFrames(ReferenceFrames):
         return tuple(zip(self.clip_names, self.mirrored.tolist(), strict=True))
 
 
-def require_one_skeleton(references: Sequence[Reference]) -> Skeleton:
-    """The skeleton of all references; DataError when they differ."""
-    return one_skeleton([(reference.name, reference.motion.skeleton) for reference in references])
+def require_one_skeleton(references: Sequence[Reference], config: Config) -> Skeleton:
+    """The skeleton of all references, as by `one_skeleton`."""
+    return one_skeleton([(reference.name, reference.motion.skeleton) for reference in references], config)
 
 
-def one_skeleton(named: Sequence[tuple[str, Skeleton]]) -> Skeleton:
-    """The skeleton of all clips, given by name; DataError when they differ."""
+def one_skeleton(named: Sequence[tuple[str, Skeleton]], config: Config) -> Skeleton:
+    """The skeleton of the first of all clips, given by name; DataError when they are not of one performer.
+
+    OFFSETs may differ as those of one performer's recordings do that were calibrated on different days.
+    """
     (first, skeleton), *others = named
+    tolerance = offset_tolerance(skeleton, config)
     for name, other in others:
-        difference = skeleton.difference(other)
+        difference = skeleton.difference(other, tolerance)
         if difference:
             raise DataError(
                 f"clips {first} and {name} cannot share a graph: {difference}; choose clips of one skeleton"
@@ -140,10 +147,16 @@ def one_skeleton(named: Sequence[tuple[str, Skeleton]]) -> Skeleton:
     return skeleton
 
 
+def offset_tolerance(skeleton: Skeleton, config: Config) -> float:
+    """By how much the OFFSETs of one performer's recordings may differ, in cm (`motion.same_skeleton`)."""
+    height = roles.body_height(skeleton, roles_of(skeleton, config))
+    return max(config.motion.same_skeleton * height, 1e-4)
+
+
 def positions_of(motion: Motion, config: Config) -> np.ndarray:
     """Positions as used for distances: float32 `[shape=(T, J, 3)]`, seen from the pelvis as the config says."""
     joints, _ = select_joints(motion.skeleton, config)
-    pelvis = motion.skeleton.pelvis(config.positions.root_joint)
+    pelvis = motion.skeleton.pelvis(settings_for(motion.skeleton, config).positions.root_joint)
     found = kinematics.relative_positions(motion, joints, pelvis, config.positions.relative_to)
     return (found * config.positions.scale).astype(np.float32)
 
@@ -154,6 +167,7 @@ def describe(reference: Reference, config: Config) -> dict:
     joints, _ = select_joints(skeleton, config)
     return {
         "joint_names": tuple(skeleton.names[j] for j in joints),
+        "hand_names": hand_names(skeleton, config),
         "fps": reference.motion.fps,
         "clip_names": (reference.name,),
         "clip_starts": np.array([0]),
@@ -192,6 +206,7 @@ ARRAYS = {
     "clip_digests": Array("str", "digests"),
     "positions": Array("f4", "N J 3"),
     "joint_names": Array("str", "J"),
+    "hand_names": Array("str", "hands"),
     "fps": Array("f8", "", stored_arrays.within(1e-3, 1e5)),
     "clip_names": Array("str", "C"),
     "clip_starts": Array("i8", "C", stored_arrays.starts("N")),
@@ -245,6 +260,7 @@ def save(
             "clip_digests": np.array(clip_digests, dtype=str),
             **{name: np.asarray(value) for name, value in values.items()},
             "fps": np.array(float(library.fps)),
+            "hand_names": np.array(library.hand_names, dtype=str),
             "key_frames": nodes.frames,
             "key_kinds": nodes.kinds,
             "key_words": nodes.keywords,
@@ -273,6 +289,7 @@ def load(
         return made(
             **{field.name: stored[field.name] for field in fields(made) if field.type == "np.ndarray"},
             joint_names=tuple(map(str, stored["joint_names"])),
+            hand_names=tuple(map(str, stored["hand_names"])),
             fps=float(stored["fps"]),
             clip_names=tuple(map(str, stored["clip_names"])),
             key_nodes=KeyNodes(stored["key_frames"], stored["key_kinds"], stored["key_words"]),

@@ -24,6 +24,7 @@ from gesturegen.graph.reference_frames import (
     positions_of,
     require_one_skeleton,
 )
+from gesturegen.joints import settings_for
 from gesturegen.matching import features
 from gesturegen.matching.features import Scaling
 from gesturegen.motion import kinematics
@@ -34,7 +35,7 @@ from gesturegen.stored.arrays import Array, Kind
 
 FORMAT_VERSION = 2
 SETTINGS = (
-    "fps", "joints", "positions", "onsets", "wrists", "exclude", "breaks", "keywords.words", "pauses", "acoustics",
+    "fps", "joints", "skeleton", "positions", "onsets", "wrists", "exclude", "breaks", "keywords.words", "pauses", "acoustics",
     "references.seconds", "motion_matching.sequence_seconds", "motion_matching.step_seconds",
     "motion_matching.audio_values", "motion_matching.audio_interval_seconds", "motion_matching.pose_values",
     "motion_matching.pose_interval_seconds", "motion_matching.joints",
@@ -95,11 +96,13 @@ def describe_part(reference: Reference, config: Config) -> Part:
 
     Raises DataError when its skeleton lacks a configured joint or its sound was not measured.
     """
-    settings, skeleton, fps = config.motion_matching, reference.motion.skeleton, reference.motion.fps
+    skeleton, fps = reference.motion.skeleton, reference.motion.fps
+    own = settings_for(skeleton, config)
+    settings = own.motion_matching
     if reference.speech.acoustics is None:
         raise DataError(f"clip {reference.name}: its sound was not measured; set acoustics.enabled: true")
     joints = [skeleton.index(name) for name in settings.joints]
-    pelvis = skeleton.pelvis(config.positions.root_joint)
+    pelvis = skeleton.pelvis(own.positions.root_joint)
     seen = kinematics.relative_positions(reference.motion, joints, pelvis, "root_heading") * config.positions.scale
     return Part(
         describe(reference, config),
@@ -112,7 +115,7 @@ def describe_part(reference: Reference, config: Config) -> Part:
 
 def assemble(parts: Sequence[Part], config: Config) -> MatchingDatabase:
     """The database of several recordings; DataError when their skeletons differ."""
-    one_skeleton([(part.described["clip_names"][0], part.skeleton) for part in parts])
+    one_skeleton([(part.described["clip_names"][0], part.skeleton) for part in parts], config)
     described = join([part.described for part in parts])
     pose, audio = (np.concatenate([getattr(part, name) for part in parts]) for name in ("pose", "audio"))
     pose_scaling, audio_scaling = Scaling.of(pose), Scaling.of(audio)
@@ -137,7 +140,7 @@ def assemble(parts: Sequence[Part], config: Config) -> MatchingDatabase:
 
 def build(references: Sequence[Reference], config: Config) -> MatchingDatabase:
     """The database of one or several references; DataErrors as by `describe_part` and `assemble`."""
-    require_one_skeleton(references)
+    require_one_skeleton(references, config)
     return assemble([describe_part(reference, config) for reference in references], config)
 
 

@@ -21,7 +21,7 @@ from gesturegen.stored.arrays import Kind
 FORMAT_VERSION = 2
 # What the frames of references depend on: the settings that are common to all methods.
 SETTINGS = (
-    "fps", "joints", "positions", "onsets", "wrists", "exclude", "breaks", "keywords.words", "pauses",
+    "fps", "joints", "skeleton", "positions", "onsets", "wrists", "exclude", "breaks", "keywords.words", "pauses",
     "references.seconds",
 )  # fmt: skip
 STRETCH = "stretch"
@@ -39,7 +39,7 @@ class RecordedFrames(ReferenceFrames):
 
 def build(references: Sequence[Reference], config: Config) -> RecordedFrames:
     """The frames of one or several references; DataError when their skeletons differ or lack a configured joint."""
-    require_one_skeleton(references)
+    require_one_skeleton(references, config)
     described = join([describe(reference, config) for reference in references])
     positions = np.concatenate([positions_of(reference.motion, config) for reference in references])
     return RecordedFrames(positions=positions, **described)

@@ -33,7 +33,7 @@ def build(references: Sequence[Reference], config: Config) -> GestureDatabase:
 
     Raises DataError when the skeletons differ or no clip is left.
     """
-    require_one_skeleton(references)
+    require_one_skeleton(references, config)
     parts = [extract(reference, config) for reference in references]
     return database.build(parts, join([describe(reference, config) for reference in references]), config)
 

@@ -41,7 +41,9 @@ def _notes(path: Path, graph: MotionGraph, speech: Speech, config: Config) -> tu
     if config.search == "global":
         if lacking and config.global_search.lambda_keyword > 0:
             notes.append(f"keywords that its references lack, so nothing is shown for them: {lacking}")
-        hands_of = ", ".join(sorted({config.control.left, config.control.right} - set(graph.joint_names)))
+        hands_of = ", ".join(
+            sorted(set(hands.names(config.hands, graph.joint_names, graph.hand_names)) - set(graph.joint_names))
+        )
         if hands_of and config.global_search.lambda_beat > 0:
             notes.append(
                 f"no beats of the hands, because control.left or control.right is none of its joints: {hands_of}"
@@ -78,7 +80,7 @@ def _control(graph: MotionGraph, speech: Speech, config: Config) -> tuple:
     """What is demanded of the hands, and the prices of frames that show otherwise; None where nothing is."""
     if not config.control.conditions:
         return (), None
-    values = hands.of_nodes(graph, config.control)
+    values = hands.of_nodes(graph, config.hands)
     demands = schedule.demands(config.control, speech.name, speech.n_frames, speech.fps, values)
     if not demands:
         return (), None

@@ -83,7 +83,7 @@ class _Asked:
         self.allowed = self.prices = None
         self.demands: tuple[schedule.Demand, ...] = ()
         if config.control.conditions:
-            values = hands.of_nodes(library, config.control)
+            values = hands.of_nodes(library, config.hands)
             self.demands = schedule.demands(config.control, speech.name, speech.n_frames, speech.fps, values)
             self._restrict(values)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gesturegen.motion import roles
 from gesturegen.motion.skeleton import Skeleton
 
 
@@ -27,14 +28,18 @@ class Body:
 def split(skeleton: Skeleton, pelvis: int) -> Body:
     """The upper and the lower body, and the limbs of the upper one.
 
-    A branch of the pelvis is part of the lower body when it hangs down in the rest pose (y up): its joint or
-    end site farthest from the pelvis is lower than the pelvis. Limbs are what is above the chest.
+    A branch of the pelvis is part of the lower body when it has an ankle and of the upper one when it has the head or
+    a wrist (`roles`). Of another branch the rest pose decides (y up): the lower body has it when its joint or end
+    site farthest from the pelvis is lower than the pelvis. Limbs are what is above the chest.
     """
+    found = roles.recognise(skeleton)
+    lower_ends, upper_ends = set(found.pair("ankle")), {found["head"], *found.pair("wrist")}
     below = {branch: [branch, *skeleton.descendants(branch)] for branch in skeleton.children(pelvis)}
     rest = rest_positions(skeleton)
     upper, limbs = [], []
     for branch, joints in below.items():
-        if _hangs(skeleton, rest, joints, rest[pelvis]):
+        up, down = bool(upper_ends & set(joints)), bool(lower_ends & set(joints))
+        if (down and not up) or (up == down and _hangs(skeleton, rest, joints, rest[pelvis])):
             continue
         upper.extend(joints)
         chest = _chest(skeleton, branch)

@@ -10,6 +10,7 @@ import hashlib
 import io
 import re
 from collections.abc import Iterator
+from decimal import Decimal
 from pathlib import Path
 from typing import BinaryIO
 
@@ -18,7 +19,7 @@ import numpy as np
 from gesturegen import inputs
 from gesturegen.errors import DataError
 from gesturegen.files import write_bytes
-from gesturegen.motion import rotation
+from gesturegen.motion import axes, euler, rotation
 from gesturegen.motion.skeleton import Motion, Skeleton
 
 _AXES = {"x": 0, "y": 1, "z": 2}
@@ -43,14 +44,15 @@ _FRAMES_AT_ONCE = 500
 def read(path: str | Path) -> Motion:
     """Read a BVH file at its own frame rate.
 
-    The rate snaps to a whole number when the frame time is within 0.1 % of it (`.0083333` is 120 fps).
+    The rate is a whole number where the printed digits of the frame time allow it: `.0083333` is 120 fps, `0.0166833`
+    is 59.94. Numbers are the file's own, whatever its unit and axes (see `space.read`).
     Raises DataError with the line for anything that is not a complete, finite BVH file.
     """
     path = Path(path)
     header, body, body_line = _split(path, _read_text(path))
     skeleton = _Hierarchy(path, header).parse()
     frame_time, values = _read_frames(path, body, body_line, skeleton)
-    return _to_motion(skeleton, values, _frames_per_second(frame_time))
+    return _to_motion(skeleton, values, frames_per_second(frame_time))
 
 
 def read_skeleton(path: str | Path) -> Skeleton:
@@ -321,8 +323,8 @@ class _Hierarchy:
         return words[1 + count :]
 
 
-def _read_frames(path: Path, body: str, line: int, skeleton: Skeleton) -> tuple[float, np.ndarray]:
-    """The frame time in seconds and the channel values `[shape=(T, n_channels)]`."""
+def _read_frames(path: Path, body: str, line: int, skeleton: Skeleton) -> tuple[str, np.ndarray]:
+    """The frame time in seconds, as it is printed, and the channel values `[shape=(T, n_channels)]`."""
     declared, frame_line, frame_time, rows, first_line = _frames_and_time(path, body, line)
     count = sum(1 for row in _lines(rows) if row.strip())
     width = skeleton.n_channels
@@ -356,7 +358,7 @@ def _read_frames(path: Path, body: str, line: int, skeleton: Skeleton) -> tuple[
     return frame_time, values
 
 
-def _frames_and_time(path: Path, body: str, line: int) -> tuple[int, int, float, str, int]:
+def _frames_and_time(path: Path, body: str, line: int) -> tuple[int, int, str, str, int]:
     """`Frames` and its line, `Frame Time` in seconds, the text of the rows below and the line it starts at."""
     found, place, number = [], 0, line
     for words in (["FRAMES"], ["FRAME", "TIME"]):
@@ -382,7 +384,7 @@ def _frames_and_time(path: Path, body: str, line: int) -> tuple[int, int, float,
         raise DataError(
             f"{inputs.shown(path)}:{time_line}: `Frame Time: {shown_time}` is not a time between {low:g} and {high:g} s"
         )
-    return int(frames), frame_line, frame_time, body[place:], number
+    return int(frames), frame_line, time, body[place:], number
 
 
 def _find_bad_row(path: Path, rows: str, first_line: int, skeleton: Skeleton, declared: int) -> None:
@@ -421,9 +423,31 @@ def _column_name(skeleton: Skeleton, column: int) -> str:
     return names[column]
 
 
-def _frames_per_second(frame_time: float) -> float:
-    whole = round(1.0 / frame_time)
-    return float(whole) if abs(frame_time * whole - 1.0) < 1e-3 else 1.0 / frame_time
+# Rates that recordings are made at: of several whole numbers that a frame time of few digits may stand for.
+_CUSTOMARY_RATES = (24, 25, 30, 48, 50, 60, 72, 90, 100, 120, 144, 180, 200, 240)
+
+
+def frames_per_second(frame_time: str) -> float:
+    """The rate that a printed frame time in seconds stands for.
+
+    A whole number whose period, rounded or cut off to as many digits (or to the precision of 32 bits), is what is
+    printed, where there is just one, or just one customary one; else what the digits say. So 0.0333 is 30, and
+    0.0333667 is 29.97.
+    """
+    printed = float(frame_time)
+    unit = 10.0 ** int(Decimal(frame_time).as_tuple().exponent)
+
+    def stands_for(rate: int) -> bool:
+        off = 1.0 / rate - printed
+        return -0.5 * unit <= off * (1 + 1e-9) < unit * (1 - 1e-9) or abs(off) <= 1e-6 * printed
+
+    if abs(printed * round(1.0 / printed) - 1.0) < 1e-9:
+        return float(round(1.0 / printed))
+    low, high = 1.0 / (printed + unit), 1.0 / max(printed - unit, _FRAME_TIMES[0])
+    rates = [rate for rate in range(max(int(low), 1), min(int(high) + 2, 10_001)) if stands_for(rate)]
+    customary = [rate for rate in rates if rate in _CUSTOMARY_RATES]
+    found = rates if len(rates) == 1 else customary
+    return float(found[0]) if len(found) == 1 else 1.0 / printed
 
 
 def _rotation_order(channels: tuple[str, ...]) -> str:
@@ -461,12 +485,32 @@ def _to_motion(skeleton: Skeleton, values: np.ndarray, fps: float) -> Motion:
         constant = still[columns].all(axis=1)
         rotations[:, joints[constant]] = rotation.from_euler(order, np.radians(values[:1][:, columns[constant]]))
         rotations[:, joints[~constant]] = rotation.from_euler(order, np.radians(values[:, columns[~constant]]))
-    return Motion(skeleton, rotations, positions, fps)
+    return Motion(skeleton, rotations, positions, fps, *_written_angles(skeleton, values))
+
+
+def _written_angles(skeleton: Skeleton, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The angles of joints that a file writes otherwise than they would be from the rotations (`Motion`)."""
+    joints, angles = [], []
+    for joint, _, columns, _ in _columns(skeleton):
+        if columns:
+            own = values[:, columns]
+            largest = np.abs(own).max(axis=0)
+            # The middle angle of three, and the first of one, as conversion gives them.
+            plain = (largest <= 180.0).all() and (len(columns) == 1 or largest[1] < 90.0 - 1e-3)
+            if not plain or (np.abs(np.diff(own, axis=0)) > euler.CERTAIN).any():
+                joints.append(joint)
+                angles.append(np.pad(own, [(0, 0), (0, 3 - len(columns))]))
+    return np.array(joints, dtype=np.int64), np.stack(angles, axis=1) if joints else np.zeros((len(values), 0, 3))
 
 
 def _to_channels(motion: Motion) -> np.ndarray:
-    """Channel values `[shape=(T, n_channels)]`; a joint with one rotation channel keeps that axis's share."""
+    """Channel values `[shape=(T, n_channels)]`; a joint with one rotation channel keeps that axis's share.
+
+    Angles are those nearest to the frame before, and a source's own where its frames are taken over (`euler`).
+    """
+    motion = axes.to_file(motion)
     skeleton = motion.skeleton
+    written = {joint: place for place, joint in enumerate(motion.written_joints.tolist())}
     values = np.zeros((motion.n_frames, skeleton.n_channels))
     by_order: dict[str, tuple[list[int], list[list[int]]]] = {}
     for joint, position_columns, rotation_columns, order in _columns(skeleton):
@@ -478,8 +522,11 @@ def _to_channels(motion: Motion) -> np.ndarray:
             joints_of.append(joint)
             columns_of.append(rotation_columns)
     for order, (joints_of, columns_of) in by_order.items():
-        angles = np.degrees(rotation.to_euler(order, motion.rotations[:, joints_of]))
-        for k, columns in enumerate(columns_of):
+        rotations = motion.rotations[:, joints_of]
+        angles = np.degrees(rotation.to_euler(order, rotations))
+        for k, (joint, columns) in enumerate(zip(joints_of, columns_of, strict=True)):
+            own = motion.written_angles[:, written[joint]] if joint in written else None
+            angles[:, k] = euler.continuous(order, angles[:, k], rotations[:, k], own, one_axis=len(columns) == 1)
             values[:, columns] = angles[:, k, : len(columns)]
     # "-0.000000" in one frame and "0.000000" in the next would be a difference without a meaning.
     return np.round(values, 6) + 0.0

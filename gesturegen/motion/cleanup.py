@@ -35,7 +35,9 @@ def interpolate(motion: Motion, times: np.ndarray) -> Motion:
         part = slice(start, start + _FRAMES_AT_ONCE)
         mixed = mix(motion.take(low[part]), motion.take(high[part]), times[part] - low[part])
         rotations[part], positions[part] = mixed.rotations, mixed.positions
-    return replace(motion, rotations=rotations, positions=positions)
+    # A frame that lies on one of the file is that one, and keeps its angles.
+    written = np.where((times == low)[:, None, None], motion.written_angles[low], np.nan)
+    return replace(motion, rotations=rotations, positions=positions, written_angles=written)
 
 
 def mix(left: Motion, right: Motion, amounts: np.ndarray) -> Motion:

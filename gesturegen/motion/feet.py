@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from gesturegen.config import Feet
-from gesturegen.motion import kinematics, rotation
+from gesturegen.motion import kinematics, roles, rotation
 from gesturegen.motion.skeleton import Motion, Skeleton
 
 FLOOR_PERCENTILE = 5.0
@@ -56,7 +56,8 @@ class Leg:
 def leg_of(skeleton: Skeleton, foot: int) -> Leg | None:
     """The leg above a foot joint; None where the skeleton has no two bones there.
 
-    The ankle is the highest joint at the foot's own place: skeletons have twist joints.
+    The ankle is the highest joint at the foot's own place: skeletons have twist joints. Where the foot is recognised as
+    an ankle, knee and hip are those of its leg: twist joints may also lie along a bone.
     """
     chain = [foot]
     for _bone in range(3):
@@ -68,6 +69,10 @@ def leg_of(skeleton: Skeleton, foot: int) -> Leg | None:
         if chain[-1] < 0:
             return None
     ankle, knee, hip, _parent = chain
+    found = roles.recognise(skeleton)
+    for side in roles.SIDES:
+        if foot == found[f"{side}_ankle"]:
+            return Leg(found[f"{side}_hip"], found[f"{side}_knee"], ankle)
     return Leg(hip, knee, ankle)
 
 

@@ -10,7 +10,9 @@ from difflib import get_close_matches
 import numpy as np
 
 from gesturegen.errors import DataError
-from gesturegen.motion.skeleton import Motion
+from gesturegen.motion import kinematics, rotation
+from gesturegen.motion.roles import LIMB_WORDS
+from gesturegen.motion.skeleton import Motion, Skeleton
 
 # A word, or a letter that begins a word and is all of it (`b_l_arm`, `Hand.L`) or stands before a capital (`LArm`).
 _SIDE = re.compile(r"left|right|Left|Right|LEFT|RIGHT|(?<![A-Za-z0-9])[lrLR](?![a-z0-9])")
@@ -53,7 +55,9 @@ def partners(names: Sequence[str], pairs: Sequence[tuple[str, str]] = ()) -> np.
 
 def _opposites(name: str) -> list[str]:
     """The name with each of its side markers exchanged, one at a time."""
-    return [name[: side.start()] + _OTHER[side[0]] + name[side.end() :] for side in _SIDE.finditer(name)]
+    found = [name[: side.start()] + _OTHER[side[0]] + name[side.end() :] for side in _SIDE.finditer(name)]
+    # `lfemur`, of CMU's own skeletons.
+    return found + ([_OTHER[name[0]] + name[1:]] if name[:1] in _OTHER and name[1:] in LIMB_WORDS else [])
 
 
 def _unknown(name: str, names: list[str]) -> str:
@@ -78,3 +82,51 @@ def mirror(motion: Motion, partners: np.ndarray) -> Motion:
         rotations=motion.rotations[:, partners] * _REFLECTED_QUATERNION,
         positions=offsets + moved * _REFLECTED_POSITION,
     )
+
+
+def mirror_places(motion: Motion, partners: np.ndarray) -> Motion:
+    """The motion reflected at the plane x = 0, whatever the local axes of its joints are at rest.
+
+    partners : as in `mirror`. Every joint is turned so that the joints below it come to where the reflected ones of its
+    partner are; about a bone, whose direction alone does not tell, it turns with the joint above. Bones keep their own
+    lengths, so places are mirrored exactly where both sides are of the same bones.
+    """
+    skeleton = motion.skeleton
+    worlds, places = kinematics.world_transforms(motion)
+    reflected = places * _REFLECTED_POSITION
+    turns: list[np.ndarray] = []  # from a joint's own axes to the reflected ones of its partner
+    rotations, positions = np.empty_like(motion.rotations), np.array(motion.positions, dtype=np.float64)
+    found, where = np.empty_like(worlds), np.empty_like(places)
+    travels = np.ptp(positions, axis=0).max(axis=-1) > 1e-6
+    for joint, parent in enumerate(skeleton.parents.tolist()):
+        other = int(partners[joint])
+        turns.append(_turn_to_reflected(skeleton, joint, partners, turns[parent] if parent >= 0 else rotation.IDENTITY))
+        found[:, joint] = rotation.multiply(worlds[:, other] * _REFLECTED_QUATERNION, turns[joint])
+        if parent < 0:
+            rotations[:, joint], positions[:, joint] = found[:, joint], reflected[:, other]
+            where[:, joint] = positions[:, joint]
+            continue
+        back = rotation.inverse(found[:, parent])
+        rotations[:, joint] = rotation.multiply(back, found[:, joint])
+        if travels[joint] or travels[other]:
+            positions[:, joint] = rotation.rotate(back, reflected[:, other] - where[:, parent])
+        where[:, joint] = where[:, parent] + rotation.rotate(found[:, parent], positions[:, joint])
+    return replace(motion, rotations=rotation.normalize(rotations), positions=positions)
+
+
+# Of the axes of the joint above beside the bones of a joint, where both have a say.
+_WEAK = 1e-3
+
+
+def _turn_to_reflected(skeleton: Skeleton, joint: int, partners: np.ndarray, above: np.ndarray) -> np.ndarray:
+    """The rotation that takes a joint's bones to the reflected ones of its partner, quaternion."""
+    other = int(partners[joint])
+    bones = [(skeleton.offsets[j], skeleton.offsets[partners[j]]) for j in skeleton.children(joint)]
+    bones.append((skeleton.end_sites[joint], skeleton.end_sites[other]))
+    bones = [(a, b * _REFLECTED_POSITION) for a, b in bones if min(np.linalg.norm(a), np.linalg.norm(b)) > 1e-6]
+    axes = np.eye(3)
+    size = max((np.linalg.norm(a) for a, _ in bones), default=1.0)
+    starts = np.array([*(a / size for a, _ in bones), *axes])
+    ends = np.array([*(b / size for _, b in bones), *rotation.rotate(np.tile(above, (3, 1)), axes)])
+    weights = np.array([*(1.0 for _ in bones), _WEAK, _WEAK, _WEAK])
+    return rotation.aligning(starts, ends, weights)

@@ -141,6 +141,16 @@ def between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return from_expmap(direction * np.arctan2(length, along))
 
 
+def aligning(starts: np.ndarray, ends: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """The quaternion that turns vectors `[shape=(n, 3)]` nearest to others, by least squares with weights `[shape=(n,)]`.
+
+    Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Crystallographica A 1976.
+    """
+    left, _, right = np.linalg.svd((np.asarray(ends) * weights[:, None]).T @ np.asarray(starts))
+    sign = np.sign(np.linalg.det(left @ right))
+    return from_matrix(left @ np.diag([1.0, 1.0, sign]) @ right)
+
+
 def heading(quaternions: np.ndarray) -> np.ndarray:
     """The turn about the vertical in radians: the twist angle about Y of q = twist swing.
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 
 import numpy as np
@@ -17,16 +18,29 @@ def read_only(array: np.ndarray) -> np.ndarray:
     return view
 
 
+@dataclass(frozen=True)
+class Space:
+    """The unit and the vertical of a file: what its numbers must be taken to so that they are centimetres, y up.
+
+    scale : centimetres in one unit of the file
+    up : the axis of the file that points up, `y` or `z`
+    """
+
+    scale: float = 1.0
+    up: str = "y"
+
+
 @dataclass(frozen=True, eq=False)
 class Skeleton:
     """A joint hierarchy as a BVH file declares it, parents before children.
 
     names : joint names in file order
     parents : int [shape=(J,)], -1 for the root
-    offsets : float [shape=(J, 3)], OFFSET of every joint in file units (centimetres in GENEA data)
+    offsets : float [shape=(J, 3)], OFFSET of every joint, centimetres and y up (as in the file where `space` is plain)
     end_sites : float [shape=(J, 3)], OFFSET of the joint's End Site, NaN where it has none
     channels : per joint, its channel names in file order, such as `("Xposition", ..., "Yrotation")`
     hierarchy : the text from HIERARCHY up to MOTION as read, so that writing repeats it to the letter
+    space : what the file's own unit and vertical are; files are written back in these
     """
 
     names: tuple[str, ...]
@@ -35,6 +49,7 @@ class Skeleton:
     end_sites: np.ndarray
     channels: tuple[tuple[str, ...], ...]
     hierarchy: str
+    space: Space = Space()
 
     def __post_init__(self):
         joints = len(self.names)
@@ -79,11 +94,13 @@ class Skeleton:
             joint = below[0]
         return joint
 
-    def difference(self, other: Skeleton) -> str | None:
+    def difference(self, other: Skeleton, tolerance: float = 1e-4) -> str | None:
         """What differs between two skeletons in words, None when joints, offsets and channels are equal.
 
-        Offsets may differ by 1e-4 units: files round them differently.
+        tolerance : by which the OFFSET of a joint may differ, in its length and direction; files round them differently.
+        OFFSETs from the root to where the hierarchy branches say nothing where position channels replace them.
         """
+        stem = self._stem()
         if self.names != other.names:
             if len(self.names) != len(other.names):
                 return f"{len(self.names)} joints against {len(other.names)}"
@@ -94,9 +111,19 @@ class Skeleton:
                 return f"joint {name!r} has another parent"
             if self.channels[j] != other.channels[j]:
                 return f"joint {name!r} has channels {' '.join(self.channels[j])} against {' '.join(other.channels[j])}"
-            if np.abs(self.offsets[j] - other.offsets[j]).max() > 1e-4:
+            if j in stem and sum(channel.endswith("position") for channel in self.channels[j]) == 3:
+                continue
+            if np.abs(self.offsets[j] - other.offsets[j]).max() > tolerance:
                 return f"joint {name!r} has OFFSET {self.offsets[j]} against {other.offsets[j]}"
         return None
+
+    def _stem(self) -> set[int]:
+        """The joints from the root to the first at which the hierarchy branches."""
+        joint, stem = 0, {0}
+        while len(below := self.children(joint)) == 1:
+            joint = below[0]
+            stem.add(joint)
+        return stem
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,14 +133,23 @@ class Motion:
     rotations : float [shape=(T, J, 4)], unit quaternions wxyz, child to parent
     positions : float [shape=(T, J, 3)], local positions; a position channel replaces the OFFSET
     fps : frames per second
+    written_joints : int [shape=(K,)], joints whose angles a file writes otherwise than one would from their rotations
+    written_angles : float [shape=(T, K, 3)], these angles, degrees, in the file's order; NaN where a frame is not
+        one of a file, or does not follow on the frame before. They say nothing of a joint that turns otherwise by now.
     """
 
     skeleton: Skeleton
     rotations: np.ndarray
     positions: np.ndarray
     fps: float
+    written_joints: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    written_angles: np.ndarray | None = None
 
     def __post_init__(self):
+        # Whoever makes other frames of a motion need not know of the angles: those of other frames say nothing.
+        if self.written_angles is None or len(self.written_angles) != len(self.rotations):
+            object.__setattr__(self, "written_joints", np.zeros(0, dtype=np.int64))
+            object.__setattr__(self, "written_angles", np.zeros((len(self.rotations), 0, 3)))
         frames, joints = len(self.rotations), len(self.skeleton.names)
         for name, width in (("rotations", 4), ("positions", 3)):
             array = read_only(getattr(self, name))
@@ -127,4 +163,26 @@ class Motion:
 
     def take(self, frames) -> Motion:
         """The frames named by an index array or slice, as a motion of their own."""
-        return replace(self, rotations=self.rotations[frames], positions=self.positions[frames])
+        return replace(
+            self, rotations=self.rotations[frames], positions=self.positions[frames],
+            written_angles=self.written_angles[frames],
+        )  # fmt: skip
+
+    def cut_at(self, frames) -> Motion:
+        """The motion, of which some frames (numbers, or bool for each) do not follow on the one before in a file."""
+        if not len(self.written_joints):
+            return self
+        angles = np.array(self.written_angles)
+        angles[frames] = np.nan
+        return replace(self, written_angles=angles)
+
+
+def written_of(motions: Sequence[Motion]) -> dict[str, np.ndarray]:
+    """`written_joints` and `written_angles` of motions one after the other, as arguments of `Motion`."""
+    joints = np.unique(np.concatenate([motion.written_joints for motion in motions])).astype(np.int64)
+    angles = np.full((sum(motion.n_frames for motion in motions), len(joints), 3), np.nan)
+    first = 0
+    for motion in motions:
+        angles[first : first + motion.n_frames, np.searchsorted(joints, motion.written_joints)] = motion.written_angles
+        first += motion.n_frames
+    return {"written_joints": joints, "written_angles": angles}

@@ -136,7 +136,9 @@ def _different_skeletons(library: Library) -> str | None:
         ]
         for name, text in zip(library.names, texts, strict=True):
             if text != texts[0]:
-                require_one_skeleton([load_reference(library.config, n, 1) for n in (library.names[0], name)])
+                require_one_skeleton(
+                    [load_reference(library.config, n, 1) for n in (library.names[0], name)], library.config
+                )
     except DataError as error:
         return str(error)
     return None

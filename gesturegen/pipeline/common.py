@@ -15,6 +15,7 @@ from gesturegen.config import Config
 from gesturegen.errors import ConfigError, DamagedError, DataError, GesturegenError
 from gesturegen.files import require_writable  # noqa: F401 - for the commands
 from gesturegen.gestures import extraction
+from gesturegen.motion import space
 from gesturegen.parallel import Outcome
 from gesturegen.stored import arrays as stored_arrays
 from gesturegen.stored import documents, sealing
@@ -30,6 +31,23 @@ class Summary:
     warnings: list[tuple[str, str]] = field(default_factory=list)
     lines: list[str] = field(default_factory=list)
     written: list[Path] = field(default_factory=list)
+
+
+def by_kind(notes: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Notes `(clip, text)`, with what is taken for granted of skeletons, units and axes told once, of the first clip."""
+    kinds: dict[str, list[int]] = {}
+    for place, (_, note) in enumerate(notes):
+        kind = note if note.startswith("the skeleton has none") else space.kind_of(note)
+        if kind is not None:
+            kinds.setdefault(kind, []).append(place)
+    told, left_out = dict(enumerate(notes)), set()
+    for places in kinds.values():
+        name, note = notes[places[0]]
+        if len(places) > 1:
+            more = len(places) - 1
+            told[places[0]] = (name, f"and {more} more {'clip' if more == 1 else 'clips'}: {note}")
+        left_out.update(places[1:])
+    return [note for place, note in told.items() if place not in left_out]
 
 
 def work_path(config: Config, *parts: str) -> Path:

@@ -26,7 +26,7 @@ from gesturegen.evaluation import Measure
 from gesturegen.graph import reference_frames
 from gesturegen.methods import METHODS
 from gesturegen.metrics.usage import training_utilisation
-from gesturegen.motion import bvh, cleanup
+from gesturegen.motion import cleanup, space
 from gesturegen.parallel import for_each, one_display
 from gesturegen.pipeline.ablate import build_shared_graphs, draw_references, durations, gesture, measure, shared_graphs
 from gesturegen.pipeline.common import (
@@ -442,7 +442,7 @@ def _pack_clip(name: str, indexed: Mapping, base: Config, folders: Mapping[str, 
             notes.append(f"{setup} found no path for this clip")
     if indexed["truth"]:
         try:
-            truth = cleanup.resample(bvh.read(Path(indexed["truth"])), base.fps)
+            truth = cleanup.resample(space.read(Path(indexed["truth"]), base), base.fps)
             motions.insert(1, pack.pack_motion(truth, base, "truth"))  # among those that are shown at first
         except GesturegenError as error:
             notes.append(f"no true motion: {error}")
@@ -460,7 +460,7 @@ def _pack_clip(name: str, indexed: Mapping, base: Config, folders: Mapping[str, 
 
 
 def _pack_motion(name: str, folder: Path, base: Config, setup: str) -> dict:
-    motion = cleanup.resample(bvh.read(folder / "reenact" / f"{name}.bvh"), base.fps)
+    motion = cleanup.resample(space.read(folder / "reenact" / f"{name}.bvh", base), base.fps)
     trace = submission.read_trace(folder / "reenact" / f"{name}.trace.json")
     stored = reference_frames.read_arrays(folder / "graphs" / f"{trace['graph']}.npz", ("source_frames",))
     return pack.pack_motion(motion, base, setup, pack.pack_trace(trace, stored["source_frames"]))

@@ -23,10 +23,11 @@ from gesturegen.inspection import traces
 from gesturegen.methods import METHODS
 from gesturegen.metrics.feet import FootSkate
 from gesturegen.metrics.usage import training_utilisation
-from gesturegen.motion import bvh, cleanup, positions
+from gesturegen.motion import cleanup, positions, space
 from gesturegen.parallel import Outcome, for_each
 from gesturegen.pipeline.common import (
     Summary,
+    by_kind,
     clip_path,
     digests,
     graph_path,
@@ -107,7 +108,7 @@ def evaluate(
     columns = evaluation.measures(config)
     control = {name: done["control"] for name, done in sorted(measured.items()) if done["control"]}
     beside = viewer.beside_totals([done["beside"] for _, done in sorted(measured.items()) if done["beside"]])
-    summary = Summary(outcome, lost)
+    summary = Summary(outcome, lost + by_kind([note for _, done in sorted(measured.items()) for note in done["notes"]]))
     suffix = "" if bvh_folder is None else "_files"
     if compat:
         columns = list(evaluation.COMPAT_MEASURES)
@@ -253,6 +254,9 @@ def _measure(evidence: _Evidence, config: Config, n_clips: int) -> dict:
     truth = locate_file(evidence.truth, config) if evidence.truth else None
     if truth is not None:
         require_same_joints(evidence.truth, truth, generated)
+    # Our own motions are as their references are, of which `preprocess` tells.
+    named = [(path.stem, joints) for path, joints in ((evidence.motion, generated), (evidence.truth, truth)) if joints]
+    notes = [(name, note) for name, joints in named for note in joints.notes] if evidence.trace is None else []
     trace = graph = seams = None
     references: list[str] = []
     recorded: list[viewer.Recorded] = []
@@ -274,7 +278,7 @@ def _measure(evidence: _Evidence, config: Config, n_clips: int) -> dict:
     generated, truth = truth and replace(generated, curves=None), truth and replace(truth, curves=None)
     return {
         "row": row, "generated": generated, "truth": truth, "references": references, "control": control,
-        "seams": seams, "beside": beside,
+        "seams": seams, "beside": beside, "notes": notes,
     }  # fmt: skip
 
 
@@ -303,7 +307,7 @@ def _measure_control(
     demands = evaluation.demands_of(trace)
     if not demands:
         return []
-    recorded = hands.of_nodes(library, config.control)
+    recorded = hands.of_nodes(library, config.hands)
     return evaluation.measure_control(demands, evaluation.hand_curves(generated, config), recorded, trace["fps"])
 
 
@@ -316,7 +320,7 @@ def require_same_joints(path: str | Path, truth: evaluation.Joints, generated: e
 def locate_file(path: Path, config: Config) -> evaluation.Joints:
     """The joints of a BVH file, or of an `.npz` file with `positions`."""
     if path.suffix.lower() == ".bvh":
-        return evaluation.locate(cleanup.resample(bvh.read(path), config.fps), config)
+        return evaluation.locate(cleanup.resample(space.read(path, config), config.fps), config)
     return evaluation.from_positions(positions.read(path), config)
 
 

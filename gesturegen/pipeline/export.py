@@ -10,7 +10,8 @@ from gesturegen import export as formats
 from gesturegen import files, inputs
 from gesturegen.config import Config
 from gesturegen.extras import need
-from gesturegen.motion import bvh
+from gesturegen.joints import settings_for
+from gesturegen.motion import space
 from gesturegen.parallel import for_each
 from gesturegen.pipeline.common import Summary, require_writable, work_path
 from gesturegen.pipeline.motions import motion_files
@@ -29,20 +30,20 @@ def export(
     motions = motion_files(config, paths)
     folder = out or work_path(config, "export")
     require_writable(folder)
-    tasks = {name: partial(_export_clip, name, path, tuple(kinds), folder) for name, path in motions.items()}
+    tasks = {name: partial(_export_clip, name, path, tuple(kinds), folder, config) for name, path in motions.items()}
     outcome = for_each(tasks, jobs, "export", quiet)
     count = len(outcome.done)
     lines = [f"{count} {'motion' if count == 1 else 'motions'} as {', '.join(kinds)}"]
     return Summary(outcome, lines=lines, written=[folder])
 
 
-def _export_clip(name: str, path: Path, kinds: tuple[str, ...], folder: Path) -> None:
+def _export_clip(name: str, path: Path, kinds: tuple[str, ...], folder: Path, config: Config) -> None:
     inputs.require_usable_name(path)
-    motion = bvh.read(path)
+    motion = space.read(path, config)
     for kind in kinds:
         place = folder / f"{name}.{kind}"
         if kind == "glb":
-            data = formats.to_glb(motion, name)
+            data = formats.to_glb(motion, name, settings_for(motion.skeleton, config).positions.root_joint)
             files.write_bytes(place, lambda file, data=data: file.write(data))
         elif kind == "csv":
             files.write_text(place, formats.to_csv(motion))

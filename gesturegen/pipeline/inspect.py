@@ -1,4 +1,4 @@
-"""`inspect`: the figures of one graph, one gesture database or one trace."""
+"""`inspect`: the figures of one graph, one gesture database or one trace, or what a BVH file is taken to be."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gesturegen.extras import need
 from gesturegen.gestures.database import GestureDatabase
 from gesturegen.graph.motion_graph import MotionGraph
 from gesturegen.graph.reference_frames import ReferenceFrames
-from gesturegen.inspection import databases, graphs, plots, traces
+from gesturegen.inspection import databases, graphs, plots, skeletons, traces
 from gesturegen.methods import load_library
 from gesturegen.parallel import Outcome
 from gesturegen.pipeline.common import Summary, graph_name, graph_path, work_path
@@ -22,7 +22,7 @@ _TRACE = ".trace.json"
 
 
 def inspect(config: Config, target: str, plot: Path | None = None, as_json: bool = False) -> Summary:
-    """Describe a graph or database (`.npz`), a trace (`.trace.json`) or the clip of that name in the work folder.
+    """Describe a BVH file, a graph or database (`.npz`), a trace (`.trace.json`) or the clip of that name in the work folder.
 
     A name that stands for both is the test clip's trace. plot : a PNG to write
     """
@@ -30,7 +30,13 @@ def inspect(config: Config, target: str, plot: Path | None = None, as_json: bool
         need("matplotlib", "video")
     path = _find(config, target)
     warnings = []
-    if path.suffix == ".npz":
+    if path.suffix.lower() == ".bvh":
+        if plot is not None:
+            raise DataError(f"{path}: of this there is no plot; leave out --plot, or use `gesturegen render`")
+        facts = skeletons.describe_skeleton(path, config)
+        lines = skeletons.skeleton_lines(facts)
+        warnings = [(path.stem, note) for note in facts["notes"]]
+    elif path.suffix == ".npz":
         library = load_library(path)
         if isinstance(library, GestureDatabase):
             facts = databases.describe_database(library)
@@ -65,8 +71,10 @@ def inspect(config: Config, target: str, plot: Path | None = None, as_json: bool
 def _find(config: Config, target: str) -> Path:
     path = Path(target)
     if path.is_file():
-        if path.suffix != ".npz" and not path.name.endswith(".json"):
-            raise DataError(f"{path}: neither a graph or database (.npz) nor a trace ({_TRACE}); give one of these")
+        if path.suffix.lower() not in (".npz", ".bvh") and not path.name.endswith(".json"):
+            raise DataError(
+                f"{path}: neither a graph or database (.npz), a trace ({_TRACE}) nor a BVH file; give one of these"
+            )
         return path
     # The clip of a name has a graph of that name, or what the configured method names otherwise.
     graphs_of = (target, graph_name(config, [target]))

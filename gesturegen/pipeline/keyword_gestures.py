@@ -17,7 +17,8 @@ from gesturegen.control.gestures import placements
 from gesturegen.errors import DataError
 from gesturegen.graph import reference_frames
 from gesturegen.graph.reference_frames import ExtendedFrames, ReferenceFrames
-from gesturegen.motion import bvh, cleanup
+from gesturegen.joints import settings_for
+from gesturegen.motion import cleanup, space
 from gesturegen.recordings import matching
 from gesturegen.search.path import Path, Piece, Target, Track, resampled_indices
 from gesturegen.speech.transcript import normalize
@@ -160,7 +161,9 @@ def _load(config: Config, name: str, like: Reference | None) -> Reference:
         hint = f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(known) or 'no BVH file'}"
         raise DataError(f"{inputs.shown(path)}: no such gesture; {hint}")
     gesture = _read(str(path), files.sha256(path), config.model_dump_json(by_alias=True))
-    difference = like and gesture.motion.skeleton.difference(like.motion.skeleton)
+    difference = like and gesture.motion.skeleton.difference(
+        like.motion.skeleton, reference_frames.offset_tolerance(like.motion.skeleton, config)
+    )
     if difference:
         raise DataError(f"{inputs.shown(path)}: not the skeleton of the references: {difference}; retarget it first")
     return gesture
@@ -169,8 +172,8 @@ def _load(config: Config, name: str, like: Reference | None) -> Reference:
 @lru_cache(maxsize=32)
 def _read(path: str, _digest: str, config_json: str) -> Reference:
     config = Config.model_validate_json(config_json)
-    motion = cleanup.resample(bvh.read(path), config.fps)
-    motion, _ = cleanup.clean_wrists(motion, np.array([0]), config.wrists)
+    motion = cleanup.resample(space.read(path, config), config.fps)
+    motion, _ = cleanup.clean_wrists(motion, np.array([0]), settings_for(motion.skeleton, config).wrists)
     speech = Speech(FilePath(path).stem, np.empty(0), (), motion.n_frames, float(config.fps))
     name = GESTURE_PREFIX + FilePath(path).stem
     return Reference(name, motion, speech, np.arange(motion.n_frames), np.array([0]))

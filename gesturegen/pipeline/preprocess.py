@@ -9,11 +9,13 @@ from pathlib import Path
 from gesturegen import clips, inputs, recordings
 from gesturegen.config import Config
 from gesturegen.errors import ConfigError, DamagedError, DataError
-from gesturegen.motion import bvh, cleanup, screening
+from gesturegen.joints import settings_for
+from gesturegen.motion import bvh, cleanup, screening, space
 from gesturegen.parallel import Outcome, describe_bugs, for_each
 from gesturegen.pipeline.common import (
     INDEX_VERSION,
     Summary,
+    by_kind,
     clip_path,
     relative_to_work,
     require_names,
@@ -57,7 +59,7 @@ def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None =
     index_path = work_path(config, "clips", "index.json")
     lost = documents.damage(index_path, documents.Index, "preprocess") if reuse else []
     documents.write(index_path, _index(config, references, tests, outcome))
-    summary = Summary(outcome, [(name, note) for name, done in outcome.done.items() for note in done["notes"]])
+    summary = Summary(outcome, by_kind([(name, note) for name, done in outcome.done.items() for note in done["notes"]]))
     summary.warnings += [("index", note) for note in lost]
     summary.warnings = _together(summary.warnings) + _unused(config)
     summary.warnings += [
@@ -198,6 +200,7 @@ def suggest_blacklist(config: Config, jobs: int, quiet: bool) -> Summary:
 
 
 def _screen_clip(recording: Recording, config: Config) -> list[str]:
-    motion = cleanup.resample(bvh.read(recording.motion_path), config.fps)
+    motion = cleanup.resample(space.read(recording.motion_path, config), config.fps)
     joints, _ = clips.select_joints(motion.skeleton, config)
-    return [finding.describe(recording.name) for finding in screening.screen(motion, joints, config.wrists.joints)]
+    wrists = settings_for(motion.skeleton, config).wrists.joints
+    return [finding.describe(recording.name) for finding in screening.screen(motion, joints, wrists)]

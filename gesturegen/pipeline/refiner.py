@@ -15,6 +15,7 @@ from gesturegen.clips import Reference, Speech, select_joints
 from gesturegen.config import Config
 from gesturegen.errors import DamagedError, DataError
 from gesturegen.extras import need
+from gesturegen.joints import settings_for
 from gesturegen.matching import database, features
 from gesturegen.motion import body, cleanup, rotation
 from gesturegen.motion.skeleton import Motion, Skeleton
@@ -47,7 +48,7 @@ def require_trained(config: Config) -> Path:
 def gesture_joints(skeleton: Skeleton, config: Config) -> list[int]:
     """The joints that are refined: those of the upper body that distances are measured on."""
     chosen, _ = select_joints(skeleton, config)
-    upper = body.split(skeleton, skeleton.pelvis(config.positions.root_joint)).upper
+    upper = body.split(skeleton, skeleton.pelvis(settings_for(skeleton, config).positions.root_joint)).upper
     return [joint for joint in chosen if joint in upper]
 
 

@@ -12,7 +12,7 @@ from gesturegen.config import Config
 from gesturegen.control import hands
 from gesturegen.errors import DataError, GesturegenError
 from gesturegen.graph import reference_frames
-from gesturegen.motion import bvh, cleanup
+from gesturegen.motion import cleanup, space
 from gesturegen.parallel import for_each
 from gesturegen.pipeline.common import Summary, clip_path, read_index, read_manifest, require_writable, work_path
 from gesturegen.report import pack, page
@@ -21,7 +21,7 @@ from gesturegen.stored import documents, sealing
 
 _OWN_LABELS = ("generated", "truth")
 # What tells in a graph where the hands of the references are.
-_PLACES = ("positions", "joint_names", "segment_starts", "fps")
+_PLACES = ("positions", "joint_names", "hand_names", "segment_starts", "fps")
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ def _reenacted(name: str, work: Path, config: Config, label: str) -> dict:
     for suffix in (".bvh", ".trace.json"):
         if not (folder / f"{name}{suffix}").is_file():
             raise DataError(f"{folder / (name + suffix)}: missing; run `gesturegen reenact` again")
-    motion = cleanup.resample(bvh.read(folder / f"{name}.bvh"), config.fps)
+    motion = cleanup.resample(space.read(folder / f"{name}.bvh", config), config.fps)
     trace = submission.read_trace(folder / f"{name}.trace.json")
     submission.require_unchanged(folder / f"{name}.bvh", trace)
     demands = evaluation.demands_of(trace)
@@ -158,14 +158,19 @@ def _reenacted(name: str, work: Path, config: Config, label: str) -> dict:
         shown = evaluation.hand_curves(evaluation.locate(motion, config), config)
         names = stored["joint_names"].tolist()
         recorded = hands.of_positions(
-            stored["positions"], names, stored["segment_starts"], float(stored["fps"]), config.control
+            stored["positions"],
+            names,
+            stored["segment_starts"],
+            float(stored["fps"]),
+            config.hands,
+            stored["hand_names"].tolist(),
         )
         control = pack.pack_control(demands, shown, recorded, motion.fps)
     return pack.pack_motion(motion, config, label, pack.pack_trace(trace, stored["source_frames"], control))
 
 
 def _true_motion(path: Path, config: Config) -> dict:
-    return pack.pack_motion(cleanup.resample(bvh.read(path), config.fps), config, "truth")
+    return pack.pack_motion(cleanup.resample(space.read(path, config), config.fps), config, "truth")
 
 
 def _optional(what: str, notes: list[str], read) -> list[dict]:

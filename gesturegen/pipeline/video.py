@@ -11,7 +11,8 @@ from gesturegen import files, inputs
 from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.extras import need
-from gesturegen.motion import bvh, cleanup
+from gesturegen.joints import settings_for
+from gesturegen.motion import cleanup, space
 from gesturegen.parallel import for_each
 from gesturegen.pipeline.common import Summary, read_index, require_writable, work_path
 from gesturegen.pipeline.motions import folder_motions, folder_sounds, motion_files
@@ -98,9 +99,10 @@ def _film(shot: _Shot, config: Config, folder: Path, size: tuple[int, int]) -> f
     samples, rate = audio.read_samples(shot.sound) if shot.sound else (None, 0)
     scenes, n_frames = [], 0
     for label, path in shot.motions:
-        motion = cleanup.resample(bvh.read(path), config.fps)
+        motion = cleanup.resample(space.read(path, config), config.fps)
         n_frames = n_frames or motion.n_frames
-        scenes.append(picture.Scene(label, figure.make_figure(motion, config.positions.root_joint)))
+        pelvis = settings_for(motion.skeleton, config).positions.root_joint
+        scenes.append(picture.Scene(label, figure.make_figure(motion, pelvis)))
     pictures = picture.draw_pictures(scenes, shot.name, size, config.fps, n_frames)
     files.write_bytes(
         folder / f"{shot.name}.mp4", lambda file: encoding.write_mp4(file, pictures, config.fps, samples, rate)

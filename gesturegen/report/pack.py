@@ -20,6 +20,7 @@ from gesturegen.config import Config
 from gesturegen.control.measures import UNITS
 from gesturegen.control.schedule import Demand, Measures
 from gesturegen.errors import DataError
+from gesturegen.joints import settings_for
 from gesturegen.motion.skeleton import Motion
 from gesturegen.report import figure, sound
 from gesturegen.submission import GESTURE_PREFIX, shown_nodes
@@ -34,7 +35,7 @@ def pack_motion(motion: Motion, config: Config, label: str, trace: Mapping | Non
 
     label : what the viewer reads; trace : of `pack_trace`, None for a motion that has none
     """
-    drawn = figure.of_skeleton(motion.skeleton, config.positions.root_joint)
+    drawn = figure.of_skeleton(motion.skeleton, settings_for(motion.skeleton, config).positions.root_joint)
     positions = config.positions.scale * figure.points(drawn, motion)
     steps, step, centre = quantise(positions, figure.size(positions) / STEPS_PER_FIGURE)
     return {

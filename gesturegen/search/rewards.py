@@ -116,7 +116,7 @@ def _phrase_frames(speech: Speech, config: Config) -> np.ndarray:
 def _beats(graph: MotionGraph, config: Config) -> tuple[np.ndarray, np.ndarray] | None:
     """The motion beats of the nodes, and their weights; None where no hands are known."""
     try:
-        speeds = hands.of_nodes(graph, config.control)
+        speeds = hands.of_nodes(graph, config.hands)
     except DataError:
         return None
     return motion_beats(np.maximum(speeds["speed", "left"], speeds["speed", "right"]), graph.segment_starts, graph.fps)

@@ -47,6 +47,8 @@ def make_figure(motion: Motion, root_joint: str) -> Figure:
     """The figure of a motion; `root_joint` names the pelvis, which the camera follows."""
     skeleton = motion.skeleton
     pelvis = skeleton.pelvis(root_joint)
+    if not skeleton.children(pelvis):
+        pelvis = 0  # a chain has no pelvis: all of it is drawn
     drawn = [j for j in [pelvis, *skeleton.descendants(pelvis)] if not _hidden(skeleton, j)]
     rotations, joints = kinematics.world_transforms(motion)
     points, bones, sides = _collect_bones(skeleton, drawn, pelvis, rotations, joints)

@@ -125,8 +125,14 @@ def test_an_end_site_counts_as_a_joint(end, upper):
     assert named(skeleton, body.split(skeleton, 0).upper) == upper
 
 
-def test_a_rest_pose_without_length_has_no_legs():
-    skeleton = make_skeleton([name for name, _, _ in GENEA], build(GENEA).parents, np.zeros((len(GENEA), 3)))
+def test_a_rest_pose_without_length_has_legs_by_their_names_alone():
+    """Rest poses of some systems say nothing; names do. Of joints that have none that is known nothing is."""
+    parents = build(GENEA).parents
+    skeleton = make_skeleton([name for name, _, _ in GENEA], parents, np.zeros((len(GENEA), 3)))
+    assert set(LEGS) < set(named(skeleton, body.split(skeleton, 1).lower))
+    skeleton = make_skeleton(
+        ["body_world", "b_root", *(f"j{n}" for n in range(len(GENEA) - 2))], parents, np.zeros((len(GENEA), 3))
+    )
     found = body.split(skeleton, 1)
     assert_partition(skeleton, found)
     assert named(skeleton, found.lower) == ["body_world", "b_root"]

@@ -268,14 +268,34 @@ def test_names_that_are_not_utf8_are_read(read):
         ("0.041667", 24.0),
         ("0.04", 25.0),
         ("3.33333e-02", 30.0),
-        ("0.03336", 30.0),
+        ("0.0333", 30.0),
+        ("0.033", 30.0),
+        ("0.0166666", 60.0),
+        ("0.017", 60.0),
+        ("0.008", 125.0),
+        ("0.03333333507180214", 30.0),
+        ("0.03336", 1 / 0.03336),
+        ("0.03337", 1 / 0.03337),
         ("0.0333667", 1 / 0.0333667),
+        ("0.0166833", 1 / 0.0166833),
+        ("0.016683", 1 / 0.016683),
+        ("0.04170833", 1 / 0.04170833),
         ("0.0335", 1 / 0.0335),
         ("0.5", 2.0),
     ],
 )
-def test_frame_rate_snaps_within_a_thousandth(read, written, fps):
+def test_only_a_rate_that_the_printed_digits_allow_is_whole(read, written, fps):
     assert read(bvh_text(frame_time=written)).fps == fps
+
+
+@pytest.mark.parametrize("fps", [24000 / 1001, 30000 / 1001, 60000 / 1001, 120000 / 1001])
+def test_rates_of_television_keep_their_time(read, fps):
+    """Ten minutes are ten minutes, also when resampled: rounded to a whole rate they would be off by 0.6 s."""
+    motion = read(bvh_text(rows=(ARM_ROW,), frame_time=f"{1 / fps:.7f}"))
+    assert 600 * motion.fps == pytest.approx(600 * fps, rel=1e-5)
+    count = round(600 * fps)
+    long = Motion(chain(1), np.tile([1.0, 0, 0, 0], (count, 1, 1)), np.zeros((count, 1, 3)), motion.fps)
+    assert cleanup.resample(long, 30.0).n_frames / 30.0 == pytest.approx(600, abs=0.05)
 
 
 @pytest.mark.parametrize(("rate", "frames"), [(120, 401), (24, 25), (60, 121), (25, 51), (50, 11)])

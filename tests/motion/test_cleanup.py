@@ -6,7 +6,7 @@ from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
 from gesturegen.config import Wrists
-from gesturegen.motion import cleanup, rotation
+from gesturegen.motion import bvh, cleanup, rotation
 from gesturegen.motion.skeleton import Motion
 from tests.builders import SMALL, chain, make_skeleton, random_motion
 
@@ -194,3 +194,21 @@ def test_tracking_jumps_are_the_frames_before_the_jump():
 def test_no_limit_and_one_frame_have_no_jumps():
     assert len(cleanup.tracking_jumps(np.zeros((10, 2, 3)), 30, None)) == 0
     assert len(cleanup.tracking_jumps(np.zeros((1, 2, 3)), 30, 1.0)) == 0
+
+
+def test_frames_that_resampling_takes_over_keep_their_angles():
+    """A body that has turned more than once round, at 120 fps: every fourth frame is the file's."""
+    turns = np.linspace(370.0, 560.0, 41)
+    angles = np.stack([np.zeros(41), np.zeros(41), turns], axis=1)
+    skeleton = make_skeleton(["root"], [-1])
+    motion = Motion(
+        skeleton, rotation.from_euler("ZXY", np.radians(angles))[:, None], np.zeros((41, 1, 3)), 120.0,
+        np.array([0]), angles[:, None],
+    )  # fmt: skip
+    rows = bvh.format_bvh(cleanup.resample(motion, 30.0)).splitlines()[-11:]
+    np.testing.assert_allclose([float(row.split()[-1]) for row in rows], turns[::4], atol=1e-6)
+    # Between frames they go on from there.
+    between = bvh.format_bvh(cleanup.resample(motion, 50.0)).splitlines()[-17:]
+    np.testing.assert_allclose(
+        [float(row.split()[-1]) for row in between], np.interp(np.arange(17) * 2.4, range(41), turns), atol=1e-4
+    )

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from gesturegen.errors import DataError
 from gesturegen.motion import bvh, kinematics, rotation
-from gesturegen.motion.mirror import mirror, partners
+from gesturegen.motion.mirror import mirror, mirror_places, partners
 from gesturegen.motion.skeleton import Motion
 from tests.builders import SMALL, data_folder, make_skeleton, random_motion, random_quaternions, refused
 
@@ -303,3 +303,37 @@ def test_pairs_of_skeletons_in_the_wild(kind):
         alone = [name for name, j in zip(names, other, strict=True) if names[j] == name and name != "p_l_delt"]
         assert not [name for name in alone if "Left" in name or "Right" in name or "_l_" in name or "_r_" in name]
     assert seen
+
+
+# --- skeletons whose joints have axes of their own ---------------------------------------------------------------
+
+
+def test_words_that_follow_their_side_without_a_mark():
+    assert found_pairs(("root", "lfemur", "ltibia", "rfemur", "rtibia", "lowerback")) == [
+        ("lfemur", "rfemur"), ("ltibia", "rtibia")
+    ]  # fmt: skip
+
+
+def engine_skeleton():
+    """A body as some engines export it: bones along x of joints that are turned at rest, the right side backwards."""
+    sides = [[("arm", (s * 20, 0, 0)), ("elbow", (s * 28, 0, 0)), ("hand", (s * 24, 0, 0))] for s in (1, -1)]
+    names, parents, offsets = ["root", "chest"], [-1, 0], [(0, 0, 0), (30, 0, 0)]
+    for marker, rows, y in zip("LR", sides, (5, -5), strict=True):
+        for place, (part, offset) in enumerate(rows):
+            names.append(f"{part}_{marker}")
+            parents.append(1 if place == 0 else len(names) - 2)
+            offsets.append((10, y, 0) if place == 0 else offset)
+    return make_skeleton(names, parents, offsets)
+
+
+@given(seed=st.integers(0, 10**6))
+def test_places_are_mirrored_whatever_the_axes_of_the_joints(seed):
+    skeleton = engine_skeleton()
+    motion = random_motion(skeleton, 4, seed)
+    own = partners(skeleton.names)
+    reflected = mirror_places(motion, own)
+    wanted = kinematics.joint_positions(motion)[:, own] * REFLECTION
+    np.testing.assert_allclose(kinematics.joint_positions(reflected), wanted, atol=1e-9)
+    np.testing.assert_allclose(
+        kinematics.joint_positions(mirror_places(reflected, own)), kinematics.joint_positions(motion), atol=1e-9
+    )

@@ -52,11 +52,19 @@ def test_equal_skeletons_do_not_differ():
         ({"names": ("world", "hips", "spine", "left_hand", "hand", "leg")}, "joint 4 is 'right_hand' against 'hand'"),
         ({"parents": np.array([-1, 0, 1, 2, 2, 0])}, "joint 'leg' has another parent"),
         ({"channels": (POSITIONS + ZXY, *[ZXY] * 4, ZXY[::-1])}, "joint 'leg' has channels Zrotation"),
-        ({"offsets": np.add(BODY.offsets, [0, 0.01, 0])}, "joint 'world' has OFFSET"),
+        ({"offsets": np.add(BODY.offsets, [0, 0.01, 0])}, "joint 'hips' has OFFSET"),
     ],
 )
 def test_difference_says_what_differs(change, words):
     assert words in BODY.difference(remade(BODY, **change))
+
+
+def test_offsets_may_differ_by_a_tolerance_and_that_of_a_travelling_root_by_anything():
+    far = np.array(BODY.offsets)
+    far[0] += 500.0
+    far[3] += 0.9
+    assert BODY.difference(remade(BODY, offsets=far), 1.0) is None
+    assert "joint 'left_hand' has OFFSET" in BODY.difference(remade(BODY, offsets=far), 0.8)
 
 
 def test_difference_counts_joints():

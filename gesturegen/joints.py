@@ -1,0 +1,152 @@
+"""Which joints of a skeleton the settings mean.
+
+The defaults of all settings that name joints are GENEA's joints. A skeleton that has none of them is another family's:
+its own joints of the same roles stand in for them (`motion/roles.py`). Joints that a config names itself are meant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from difflib import get_close_matches
+
+import numpy as np
+
+from gesturegen.config import (
+    GENEA_JOINTS,
+    Config,
+    Control,
+    Evaluation,
+    Feet,
+    MotionMatching,
+    Positions,
+    Wrists,
+)
+from gesturegen.motion import body, roles
+from gesturegen.motion.roles import SIDES, Roles
+from gesturegen.motion.skeleton import Skeleton
+
+# Intrinsic orders that begin with the axis along a bone.
+_ROLL_FIRST = ("XYZ", "YZX", "ZXY")
+_SEAM_ROLES = ("upper_arm", "elbow", "wrist", "ankle")
+_ALIGNMENT_ROLES = ("shoulder", "upper_arm", "elbow", "wrist")
+
+
+def roles_of(skeleton: Skeleton, config: Config) -> Roles:
+    """The roles of a skeleton's joints, some of them perhaps set in section `skeleton`."""
+    return roles.recognise(skeleton, config.roles)
+
+
+def settings_for(skeleton: Skeleton, config: Config) -> Config:
+    """The config with joints of this skeleton in place of defaults that name joints which it does not have."""
+    names = set(skeleton.names)
+
+    def unknown(value, default) -> bool:
+        given = (value,) if isinstance(value, str) else value
+        return value == default and (bool(config.roles) or not names & set(given))
+
+    found = roles_of(skeleton, config)
+    changes: dict[str, object] = {}
+
+    def put(section: str, **values) -> None:
+        changes[section] = getattr(config, section).model_copy(update={k: v for k, v in values.items() if v})
+
+    def named(joints: Sequence[int]) -> tuple[str, ...]:
+        return tuple(skeleton.names[joint] for joint in joints if joint >= 0)
+
+    if unknown(config.positions.root_joint, Positions().root_joint) and found["pelvis"] >= 0:
+        put("positions", root_joint=skeleton.names[found["pelvis"]])
+    if config.joints != "all" and unknown(config.joints, GENEA_JOINTS) and found.is_body:
+        changes["joints"] = named(found.body)
+    if unknown(config.wrists.joints, Wrists().joints):
+        wrists = _wrists(skeleton, found)
+        axes = _roll_first(skeleton, found) if config.wrists.axes == Wrists().axes else None
+        put("wrists", joints=named(wrists), axes=axes)
+    if unknown(config.feet.joints, Feet().joints):
+        put("feet", joints=named(found.pair("ankle")))
+    sides = {side: named([found[f"{side}_wrist"]]) for side in SIDES}
+    put("control", **{
+        side: sides[side][0] for side in SIDES
+        if sides[side] and unknown(getattr(config.control, side), getattr(Control(), side))
+    })  # fmt: skip
+    if unknown(config.motion_matching.joints, MotionMatching().joints):
+        put(
+            "motion_matching",
+            joints=named([*found.pair("elbow"), *found.pair("wrist"), *_finger_roots(skeleton, found)]),
+        )
+    evaluation = {}
+    if unknown(config.evaluation.seam_joints, Evaluation().seam_joints):
+        middle = [found["pelvis"], *found.spine[-1:], found["head"]]
+        evaluation["seam_joints"] = named([*middle, *(j for part in _SEAM_ROLES for j in found.pair(part))])
+    if unknown(config.evaluation.alignment_joints, Evaluation().alignment_joints):
+        trunk = [*found.spine[-3:], found["neck"], found["head"]]
+        evaluation["alignment_joints"] = named([*trunk, *(j for part in _ALIGNMENT_ROLES for j in found.pair(part))])
+    if evaluation:
+        put("evaluation", **evaluation)
+    changes = {key: value for key, value in changes.items() if value != getattr(config, key)}
+    return config.model_copy(update=changes) if changes else config
+
+
+def unknown_names(skeleton: Skeleton, config: Config) -> list[str]:
+    """Names in the config that are none of this skeleton's joints and so say nothing, a line for each."""
+    given = [
+        (f"skeleton.{role}", name) for role, own in config.roles for name in ((own,) if isinstance(own, str) else own)
+    ]
+    if config.feet.joints != Feet().joints:
+        given += [("feet.joints", name) for name in config.feet.joints]
+    lines = []
+    for key, name in given:
+        if name not in skeleton.names:
+            near = get_close_matches(name, skeleton.names, n=1, cutoff=0.4)
+            hint = f"; nearest is {near[0]!r}" if near else ""
+            lines.append(f"{key}: the skeleton has no joint {name!r}, so this says nothing{hint}")
+    return lines
+
+
+def hand_names(skeleton: Skeleton, config: Config) -> tuple[str, ...]:
+    """The joints that are the left and the right hand by their roles; nothing where one is not known."""
+    found = roles_of(skeleton, config).pair("wrist")
+    return tuple(skeleton.names[joint] for joint in found) if len(found) == 2 else ()
+
+
+def fingers(skeleton: Skeleton, config: Config) -> np.ndarray:
+    """The joints of the fingers, int `[shape=(K,)]`, ascending: those that are set, else all below the wrists."""
+    own = settings_for(skeleton, config)
+    if config.skeleton.left_fingers is None and config.skeleton.right_fingers is None:
+        return body.fingers(skeleton, own.wrists.joints)
+    found = roles_of(skeleton, config).fingers
+    return np.array(sorted({joint for joints in found.values() for joint in joints}), dtype=np.int64)
+
+
+def _wrists(skeleton: Skeleton, found: Roles) -> list[int]:
+    """The wrists, and joints between elbow and wrist that twist the forearm."""
+    joints = found.pair("wrist")
+    for side in SIDES:
+        joint, elbow = found[f"{side}_wrist"], found[f"{side}_elbow"]
+        joint = int(skeleton.parents[joint]) if joint >= 0 else -1
+        while elbow >= 0 and joint > elbow:
+            joints.append(joint)
+            joint = int(skeleton.parents[joint])
+    return joints
+
+
+def _roll_first(skeleton: Skeleton, found: Roles) -> str | None:
+    """The order of angles in which that about the forearm comes first; None without forearms."""
+    ways = []
+    for side in SIDES:
+        joint, elbow, way = found[f"{side}_wrist"], found[f"{side}_elbow"], 0.0
+        while elbow >= 0 and joint > elbow:
+            way = way + abs(skeleton.offsets[joint])
+            joint = int(skeleton.parents[joint])
+        if elbow >= 0:
+            ways.append(way)
+    return _ROLL_FIRST[int(sum(ways).argmax())] if ways else None
+
+
+def _finger_roots(skeleton: Skeleton, found: Roles) -> list[int]:
+    """The outer two of the fingers, by name where names tell them: the first joints of index and little finger."""
+    joints = []
+    for words in (("index",), ("pinky", "little")):
+        for side in SIDES:
+            named = [j for j in found.fingers.get(side, ()) if any(w in skeleton.names[j].lower() for w in words)]
+            joints += named[:1]
+    return joints
