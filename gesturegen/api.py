@@ -27,7 +27,7 @@ from gesturegen import export as formats
 from gesturegen.config import Config, load_config
 from gesturegen.errors import ConfigError, DataError
 from gesturegen.extras import need
-from gesturegen.motion import bvh, cleanup
+from gesturegen.motion import cleanup, space
 from gesturegen.motion.skeleton import Motion
 from gesturegen.parallel import describe_bugs
 from gesturegen.pipeline.evaluate import locate_file, read_heard, require_same_joints
@@ -36,13 +36,13 @@ from gesturegen.recordings import Recording
 Place = str | os.PathLike[str]
 
 
-def read_motion(path: Place) -> Motion:
-    """Read a BVH file.
+def read_motion(path: Place, config: str | Place = remembered.RECOMMENDED) -> Motion:
+    """Read a BVH file in centimetres with y up, whatever its unit and axes (`motion.unit`, `motion.up_axis`).
 
-    Rotations are local unit quaternions `[shape=(T, J, 4)]`, wxyz; positions are local, `[shape=(T, J, 3)]`, in the
-    unit of the file. Raises DataError with file and line.
+    Rotations are local unit quaternions `[shape=(T, J, 4)]`, wxyz; positions are local, `[shape=(T, J, 3)]`.
+    Raises DataError with file and line.
     """
-    return bvh.read(path)
+    return space.read(path, load_config(remembered.shipped(config)))
 
 
 def read_speech(
@@ -61,7 +61,7 @@ def read_speech(
 class Gesture:
     """A motion that was made for a speech.
 
-    motion : as `read_motion` gives it; trace : what explains every frame of it (README, file formats);
+    motion : in centimetres with y up, as `read_motion` gives it; trace : what explains every frame of it (README, file formats);
     notes : what was guessed or given up, a line each; text : the BVH file, byte by byte
     """
 
@@ -158,7 +158,7 @@ class Gesturer:
         folder = self._folder / "work/reenact"
         path = folder / f"{name}.bvh"
         trace = submission.read_trace(folder / f"{name}.trace.json")
-        return Gesture(name, bvh.read(path), trace, path.read_bytes(), self.notes)
+        return Gesture(name, space.read(path, self.config), trace, path.read_bytes(), self.notes)
 
     def _as_given(self, text: str) -> str:
         """A message with the names of the files that were given, in place of ours."""
