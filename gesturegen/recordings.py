@@ -124,10 +124,19 @@ def _stems(folder: Path, kind: str, extensions: tuple[str, ...], problems: dict[
         name = inputs.shown(path.stem)
         if (problem := inputs.name_problem(path)) is not None:
             problems[name] = problem
+        elif name in found and _is_copy(found[name], path):
+            continue
+        elif name in found and _is_copy(path, found[name]):
+            problems.pop(name, None)
         elif name in found:
             problems[name] = f"{inputs.shown(path)}: clip {name} has a second file {found[name].name}; keep one"
         found[name] = path
     return found
+
+
+def _is_copy(lossless: Path, path: Path) -> bool:
+    """Whether a sound file is the compressed copy of another, which is then taken."""
+    return lossless.suffix.lower() in audio.LOSSLESS and path.suffix.lower() in audio.COPIES
 
 
 def _speakers(path: Path) -> dict[str, str]:

@@ -21,7 +21,7 @@ from gesturegen.stored.arrays import Kind
 FORMAT_VERSION = 2
 # What the frames of references depend on: the settings that are common to all methods.
 SETTINGS = (
-    "fps", "joints", "positions", "onsets", "wrists", "exclude", "breaks", "keywords.words", "pauses",
+    "fps", "joints", "positions", "audio", "voice", "onsets", "wrists", "exclude", "breaks", "keywords.words", "pauses",
     "references.seconds",
 )  # fmt: skip
 STRETCH = "stretch"
