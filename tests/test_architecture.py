@@ -30,6 +30,7 @@ ROOMS = [
     {"submission"},
     {"viewer"},
     {"evaluation"},
+    {"doctor"},
     {"tables"},
     {"ablation"},
     {"report"},

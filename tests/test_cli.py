@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gesturegen.config import load_config
 from gesturegen.motion import bvh
 from tests import tiny
 from tests.builders import bursts, chain, data_folder, write_audio, write_clip
@@ -214,14 +215,22 @@ def test_init_writes_a_config_that_loads_and_never_overwrites(tmp_path):
     succeed("init", path, "--force")
 
 
-def test_suggest_blacklist_names_the_clip_and_excludes_nothing(data, tmp_path):
+def test_suggest_blacklist_says_where_it_went(data, tmp_path):
+    result = run("preprocess", "--suggest-blacklist", "--data", data, "--work", tmp_path / "w")
+    assert result.exit_code == 2 and "gesturegen doctor DATA --blacklist FILE" in result.output
+    assert not (tmp_path / "w").exists()
+
+
+def test_doctor_names_still_clips_and_excludes_nothing(data, tmp_path):
     still = bvh.read(data / "trn/main-agent/bvh/trn_b.bvh")
     bvh.write(data / "trn/main-agent/bvh/trn_b.bvh", still.take(np.zeros(90, dtype=int)))
-    result = succeed("preprocess", "--suggest-blacklist", "--data", data, "--work", tmp_path / "w", "-j", 1)
-    lines = [line for line in result.output.splitlines() if line.startswith("trn_b: ")]
-    assert any("near-motionless" in line and "blacklist: [trn_b]" in line for line in lines)
-    assert any("frozen" in line and "exclude:" in line for line in lines)
-    assert not (tmp_path / "w").exists()
+    result = succeed("doctor", data, "--work", tmp_path / "w", "--blacklist", tmp_path / "b.yaml", "-j", 1)
+    assert any(line.startswith("trn/trn_b: still: near-motionless") for line in result.output.splitlines())
+    assert load_config(tmp_path / "b.yaml").blacklist == ("trn_b",)
+    assert sorted(path.name for path in (tmp_path / "w").iterdir() if path.suffix) == ["doctor.html"]
+    succeed("doctor", "--data", data, "--out", tmp_path / "again.html", "--blacklist", tmp_path / "c.yaml", "-j", 2)
+    assert (tmp_path / "again.html").read_bytes() == (tmp_path / "w" / "doctor.html").read_bytes()
+    assert (tmp_path / "c.yaml").read_bytes() == (tmp_path / "b.yaml").read_bytes()
 
 
 def test_quiet_prints_nothing(recorded, tmp_path):

@@ -8,7 +8,7 @@ from pathlib import Path
 from gesturegen import clips, recordings
 from gesturegen.config import Config
 from gesturegen.errors import DamagedError, DataError
-from gesturegen.motion import bvh, cleanup, screening
+from gesturegen.motion import bvh
 from gesturegen.parallel import Outcome, describe_bugs, for_each
 from gesturegen.pipeline.common import INDEX_VERSION, Summary, clip_path, relative_to_work, require_writable, work_path
 from gesturegen.recordings import Recording
@@ -133,22 +133,3 @@ def _unmatched_patterns(config: Config, references: dict[str, Recording]) -> lis
         for range_ in config.exclude
         if not any(recordings.is_listed(name, (range_.clip,)) for name in [*references, *blacklisted])
     ]
-
-
-def suggest_blacklist(config: Config, jobs: int, quiet: bool) -> Summary:
-    """List near-motionless or glitching clips and ranges with the reason and the figure; exclude nothing."""
-    references = {recording.name: recording for recording in recordings.reference_recordings(config)}
-    outcome = for_each(
-        {name: partial(_screen_clip, recording, config) for name, recording in references.items()},
-        jobs,
-        "screen",
-        quiet,
-    )
-    lines = [line for found in outcome.done.values() for line in found]
-    return Summary(outcome, lines=lines or [f"nothing to suggest in {len(outcome.done)} clips"])
-
-
-def _screen_clip(recording: Recording, config: Config) -> list[str]:
-    motion = cleanup.resample(bvh.read(recording.motion_path), config.fps)
-    joints, _ = clips.select_joints(motion.skeleton, config)
-    return [finding.describe(recording.name) for finding in screening.screen(motion, joints, config.wrists.joints)]
