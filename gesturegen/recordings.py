@@ -68,7 +68,7 @@ def test_recordings(config: Config) -> list[Recording]:
     found = [recording for recording in list_recordings(folder) if recording.audio_path or recording.transcript_path]
     if not found:
         raise DataError(
-            f"{inputs.shown(folder)}: no audio file in it; expected GENEA's {AGENT}/wav, or WAV, FLAC or OGG files"
+            f"{inputs.shown(folder)}: no audio file in it; expected GENEA's {AGENT}/wav, or WAV, FLAC, OGG, MP3 or M4A files"
         )
     return found
 

@@ -228,9 +228,6 @@ def test_doctor_names_still_clips_and_excludes_nothing(data, tmp_path):
     assert any(line.startswith("trn/trn_b: still: near-motionless") for line in result.output.splitlines())
     assert load_config(tmp_path / "b.yaml").blacklist == ("trn_b",)
     assert sorted(path.name for path in (tmp_path / "w").iterdir() if path.suffix) == ["doctor.html"]
-    succeed("doctor", "--data", data, "--out", tmp_path / "again.html", "--blacklist", tmp_path / "c.yaml", "-j", 2)
-    assert (tmp_path / "again.html").read_bytes() == (tmp_path / "w" / "doctor.html").read_bytes()
-    assert (tmp_path / "c.yaml").read_bytes() == (tmp_path / "b.yaml").read_bytes()
 
 
 def test_quiet_prints_nothing(recorded, tmp_path):

@@ -34,8 +34,8 @@ h1 { font-size: 1.4rem; } h2 { font-size: 1.1rem; margin: 1.6rem 0 .5rem; }
 p.soft { color: var(--soft); margin: .25rem 0; }
 .scroll { overflow-x: auto; } table { border-collapse: collapse; font-size: .9rem; font-variant-numeric: tabular-nums; }
 th, td { padding: .3rem .7rem; border-bottom: 1px solid var(--line); text-align: right; vertical-align: top; }
-th:first-child, td.text { text-align: left; } thead th { color: var(--soft); font-weight: 600; }
-tbody th { font-weight: 600; } td.text { min-width: 14rem; }
+th:first-child, .text { text-align: left; } tbody th { white-space: nowrap; } thead th { color: var(--soft); font-weight: 600; }
+tbody th { font-weight: 600; } td.text { min-width: 7rem; }
 .bad { color: var(--bad); font-weight: 600; } .odd { color: var(--odd); font-weight: 600; } .good { color: var(--good); }
 code { font: .9em ui-monospace, monospace; background: var(--panel); border-radius: 3px; padding: 0 .25em; }
 pre { background: var(--panel); padding: .75rem; border-radius: 6px; overflow-x: auto; font-size: .85rem; }
@@ -127,7 +127,7 @@ def _findings(parts: Mapping[str, Sequence[Examined]]) -> str:
     ]  # fmt: skip
     if not rows:
         return '<p class="good">Nothing odd was found.</p>'
-    return _table(("recording", "what", "found", "what to do"), rows)
+    return _table(("recording", "what", "found", "what to do"), rows, texts=4)
 
 
 def _methods(rows: Sequence[tuple[str, str, str]]) -> str:
@@ -135,9 +135,10 @@ def _methods(rows: Sequence[tuple[str, str, str]]) -> str:
     return _table(
         ("method", "can it", "why"),
         [
-            f'<tr><th scope="row">{escape(name)}</th><td class="{classes[can]}">{can}</td><td class="text">{escape(why)}</td></tr>'
+            f'<tr><th scope="row">{escape(name)}</th><td class="text {classes[can]}">{can}</td><td class="text">{escape(why)}</td></tr>'
             for name, can, why in rows
         ],
+        texts=3,
     )
 
 
@@ -149,9 +150,14 @@ def _figures(recordings: Sequence[Examined]) -> str:
     return _table(("recording", *(heading for heading, _, _ in COLUMNS)), rows)
 
 
-def _table(headings: Sequence[str], rows: Sequence[str]) -> str:
-    head = "".join(f'<th scope="col">{escape(heading)}</th>' for heading in headings)
-    return f'<div class="scroll" tabindex="0" role="region" aria-label="table"><table><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>'
+def _table(headings: Sequence[str], rows: Sequence[str], texts: int = 0) -> str:
+    """texts : how many columns from the left hold text, not figures"""
+    head = "".join(
+        f'<th scope="col"{" class=text" if place < texts else ""}>{escape(heading)}</th>'
+        for place, heading in enumerate(headings)
+    )
+    scroll = '<div class="scroll" tabindex="0" role="region" aria-label="table">'
+    return f"{scroll}<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
 
 
 def _figure(value: float | None, digits: int) -> str:

