@@ -250,6 +250,10 @@ def _gather(
     mixer = Mixer(inputs.shown(path), n_channels, rate, channel)
     kept, count = [], 0
     for block in blocks:
+        if block.shape[1] != n_channels:
+            raise DataError(
+                f"{inputs.shown(path)}: damaged: {n_channels} channels become {block.shape[1]} at {count / rate:.3f} s; copy it again"
+            )
         # NaN is not less either.
         bad = np.flatnonzero(~(np.abs(block).max(axis=1) < _LARGEST_SAMPLE))
         if len(bad):
