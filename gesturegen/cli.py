@@ -104,30 +104,58 @@ def demo_data(folder: Path, references: int, tests: int, seed: int, challenge: b
     )
 
 
+def _moved_to_doctor(_context, _parameter, asked: bool) -> None:
+    if asked:
+        raise click.UsageError(
+            "--suggest-blacklist is now `gesturegen doctor DATA --blacklist FILE`, which looks at more"
+        )
+
+
+@main.command()
+@click.argument("folder", metavar="[DATA]", type=FOLDER, required=False)
+@common
+@click.option("--blacklist", type=FILE, metavar="FILE", help="Also write a config that leaves out what is unfit.")
+@click.option("--out", type=FILE, metavar="FILE", help="The page to write, instead of WORK/doctor.html.")
+def doctor(
+    config: Config, jobs: int, quiet: bool, folder: Path | None, blacklist: Path | None, out: Path | None
+) -> None:
+    """Look through a data set: what is broken, odd or out of step, and what each method could do with it.
+
+    Measures every recording (units, frame rates, still or torn takes, silent or clipped audio, transcripts that do not
+    fit the sound, sound and motion that are apart), prints a table and writes a page. The data are only read.
+
+    \b
+    Examples:
+      gesturegen doctor genea --work out
+      gesturegen doctor genea --blacklist blacklist.yaml --out doctor.html
+      gesturegen doctor --references takes --tests speeches
+    """
+    if folder is not None:
+        config = config.model_copy(update={"paths": config.paths.model_copy(update={"data": str(folder)})})
+    run_and_print(
+        quiet,
+        lambda pipeline: pipeline.doctor(config, jobs, quiet, out, blacklist),
+        [] if out else work_folder(config),
+    )
+
+
 @main.command()
 @common
 @force_option
 @click.option("--export-bvh", type=FOLDER, metavar="FOLDER", help="Also write the cleaned references as BVH files.")
 @click.option(
-    "--suggest-blacklist",
-    is_flag=True,
-    help="Only list near-motionless or glitching clips and ranges; exclude nothing.",
+    "--suggest-blacklist", is_flag=True, hidden=True, is_eager=True, expose_value=False, callback=_moved_to_doctor
 )
-def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None, suggest_blacklist: bool) -> None:
+def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None) -> None:
     """Read, check and clean the recordings into WORK/clips.
 
     \b
     Examples:
       gesturegen preprocess --config configs/casia_go_2023.yaml --data genea --work out
       gesturegen preprocess --references takes --tests speeches --work out
-      gesturegen preprocess --data genea --suggest-blacklist
     """
-    if suggest_blacklist:
-        click.get_current_context().meta.pop("settings")  # nothing is made that they were needed for
-        run_and_print(quiet, lambda pipeline: pipeline.suggest_blacklist(config, jobs, quiet))
-    else:
-        writes = [*work_folder(config), *([export_bvh] if export_bvh else [])]
-        run_and_print(quiet, lambda pipeline: pipeline.preprocess(config, jobs, quiet, export_bvh), writes)
+    writes = [*work_folder(config), *([export_bvh] if export_bvh else [])]
+    run_and_print(quiet, lambda pipeline: pipeline.preprocess(config, jobs, quiet, export_bvh), writes)
 
 
 @main.command("build-graph")

@@ -143,8 +143,27 @@ class References(_Section):
         return self
 
 
+class Audio(_Section):
+    channel: int | str = "mix"
+
+    @field_validator("channel", mode="before")
+    @classmethod
+    def _a_channel(cls, channel: Any) -> Any:
+        number = isinstance(channel, int) and not isinstance(channel, bool) and 1 <= channel <= 64
+        if number or channel in ("mix", "left", "right"):
+            return channel
+        raise PydanticCustomError("channel", "'mix', 'left', 'right' or a number from 1 to 64")
+
+
+class Voice(_Section):
+    threshold: Annotated[float, Field(gt=0, lt=1)] = 0.5
+    smoothing_seconds: NotNegative = 0.1
+    loud_db: NotNegative = 12.0
+
+
 class Onsets(_Section):
     min_strength: NotNegative = 5.0
+    per_second: Positive | None = None
     sample_rate: Count = 22050
     hop_length: Count = 512
     muted_min_seconds: NotNegative = 0.1
@@ -396,6 +415,7 @@ class Beam(_Section):
 
 class Pauses(_Section):
     min_seconds: NotNegative = 0.5
+    voice: Literal["without_words", "always"] = "without_words"
 
 
 class Phrases(_Section):
@@ -667,6 +687,8 @@ class Config(_Section):
     blacklist: tuple[str, ...] = ()
     exclude: tuple[ExcludedRange, ...] = ()
     references: References = References()
+    audio: Audio = Audio()
+    voice: Voice = Voice()
     onsets: Onsets = Onsets()
     keywords: Keywords = Keywords()
     breaks: Breaks = Breaks()

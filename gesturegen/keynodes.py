@@ -72,7 +72,9 @@ def of_reference(reference: Reference, keywords: Mapping[str, str]) -> KeyNodes:
 
 def speaking(speech: Speech, settings: Pauses) -> np.ndarray:
     """bool `[shape=(n_frames,)]`: False in the pauses of a speech."""
-    return speaking_frames(speech.words, speech.onset_frames, speech.n_frames, speech.fps, settings.min_seconds)
+    return speaking_frames(
+        speech.words, speech.onset_frames, speech.n_frames, speech.fps, settings.min_seconds, speech.voice
+    )
 
 
 def reference_speaking(reference: Reference, settings: Pauses) -> np.ndarray:

@@ -79,7 +79,7 @@ def test_recordings(config: Config) -> list[Recording]:
     found = [r for r in list_recordings(folder) if r.audio_path or r.transcript_path or r.unread_path]
     if not found:
         raise DataError(
-            f"{inputs.shown(folder)}: no audio file in it; expected GENEA's {AGENT}/wav, or WAV, FLAC or OGG files"
+            f"{inputs.shown(folder)}: no audio file in it; expected GENEA's {AGENT}/wav, or WAV, FLAC, OGG, MP3 or M4A files"
         )
     return found
 
@@ -198,6 +198,10 @@ def _stems(
         name = inputs.shown(path.stem)
         if (problem := inputs.name_problem(path)) is not None:
             problems[name] = problem
+        elif name in found and _is_copy(found[name], path):
+            continue
+        elif name in found and _is_copy(path, found[name]):
+            problems.pop(name, None)
         elif name in found:
             problems[name] = f"{inputs.shown(path)}: clip {name} has a second file {found[name].name}; keep one"
         found[name] = path
@@ -219,6 +223,11 @@ def _transcripts(agent: Path, problems: dict[str, str], listed: dict[Path, list[
         for name, path in of_kind.items():
             found.setdefault(name, []).append(path)
     return {name: tuple(paths) for name, paths in found.items()}
+
+
+def _is_copy(lossless: Path, path: Path) -> bool:
+    """Whether a sound file is the compressed copy of another, which is then taken."""
+    return lossless.suffix.lower() in audio.LOSSLESS and path.suffix.lower() in audio.COPIES
 
 
 def _speakers(path: Path) -> dict[str, str]:

@@ -32,6 +32,7 @@ ROOMS = [
     {"submission"},
     {"viewer"},
     {"evaluation"},
+    {"doctor"},
     {"tables"},
     {"ablation"},
     {"report"},

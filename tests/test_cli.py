@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gesturegen.config import load_config
 from gesturegen.motion import bvh
 from tests import tiny
 from tests.builders import bursts, chain, data_folder, write_audio, write_clip
@@ -225,14 +226,19 @@ def test_init_writes_a_config_that_loads_and_never_overwrites(tmp_path):
     succeed("init", path, "--force")
 
 
-def test_suggest_blacklist_names_the_clip_and_excludes_nothing(data, tmp_path):
+def test_suggest_blacklist_says_where_it_went(data, tmp_path):
+    result = run("preprocess", "--suggest-blacklist", "--data", data, "--work", tmp_path / "w")
+    assert result.exit_code == 2 and "gesturegen doctor DATA --blacklist FILE" in result.output
+    assert not (tmp_path / "w").exists()
+
+
+def test_doctor_names_still_clips_and_excludes_nothing(data, tmp_path):
     still = bvh.read(data / "trn/main-agent/bvh/trn_b.bvh")
     bvh.write(data / "trn/main-agent/bvh/trn_b.bvh", still.take(np.zeros(90, dtype=int)))
-    result = succeed("preprocess", "--suggest-blacklist", "--data", data, "--work", tmp_path / "w", "-j", 1)
-    lines = [line for line in result.output.splitlines() if line.startswith("trn_b: ")]
-    assert any("near-motionless" in line and "blacklist: [trn_b]" in line for line in lines)
-    assert any("frozen" in line and "exclude:" in line for line in lines)
-    assert not (tmp_path / "w").exists()
+    result = succeed("doctor", data, "--work", tmp_path / "w", "--blacklist", tmp_path / "b.yaml", "-j", 1)
+    assert any(line.startswith("trn/trn_b: still: near-motionless") for line in result.output.splitlines())
+    assert load_config(tmp_path / "b.yaml").blacklist == ("trn_b",)
+    assert sorted(path.name for path in (tmp_path / "w").iterdir() if path.suffix) == ["doctor.html"]
 
 
 def test_quiet_prints_nothing(recorded, tmp_path):
@@ -317,10 +323,15 @@ def test_a_missing_bvh_is_a_warning(data, tmp_path):
     assert "warning: trn_a: no BVH file" in result.output
 
 
-def test_mp3_named_wav_is_called_what_it_is(data, tmp_path):
+def test_mp3_named_wav_is_read_as_what_it_is(data, tmp_path):
     shutil.copy(data_folder() / "speech/tts/tts.mp3", data / "tst/main-agent/wav/tst_a.wav")
-    result = run("preprocess", "--data", data, "--work", tmp_path, "-j", 1)
-    assert result.exit_code == 1 and "MP3" in errors(result)[0] and "tst_a.wav" in errors(result)[0]
+    succeed("preprocess", "--data", data, "--work", tmp_path, "-j", 1)
+
+
+def test_a_compressed_copy_beside_a_wav_is_left_alone(data, tmp_path):
+    for kind in ("mp3", "m4a"):
+        (data / f"tst/main-agent/wav/tst_a.{kind}").write_bytes(b"never read")
+    succeed("preprocess", "--data", data, "--work", tmp_path, "-j", 1)
 
 
 def test_missing_wav(data, tmp_path):
@@ -435,7 +446,7 @@ def test_silence_gives_motion(data, tmp_path):
     (data / "tst/main-agent/tsv/tst_a.tsv").unlink()
     results = all_commands(data, tmp_path)
     assert bvh.read(tmp_path / "reenact/tst_a.bvh").n_frames == 60
-    assert "tst_a" in results[0].output and "no onset" in results[0].output
+    assert "tst_a: no words, and no voice is heard, so all of it" in results[0].output
 
 
 @pytest.mark.parametrize("seconds", [0.04, 1.0])

@@ -321,7 +321,13 @@ def test_words_without_onsets_are_noted_with_the_key(prepare):
     clip, config = prepare("onsets.min_strength=500")
     assert len(clip.reference(config).speech.onset_times) == 0
     (note,) = clip.all_notes(config)
-    assert re.search(r"2 words but no onset: the strongest peak is \d+\.\d, onsets\.min_strength is 500", note)
+    found = re.search(
+        r"2 words but no onset in \d\.\d s of speech: the strongest peak is \d+\.\d, onsets\.min_strength is 500; "
+        r"for the usual 2 a second set onsets\.min_strength=([0-9.]+), or onsets\.per_second=2",
+        note,
+    )
+    cured, config = prepare(f"onsets.min_strength={found[1]}")
+    assert cured.onset_rate(config) >= 0.5 and not cured.all_notes(config)
 
 
 def test_silence_with_words_is_noted_and_works(prepare, tmp_path):
@@ -330,13 +336,13 @@ def test_silence_with_words_is_noted_and_works(prepare, tmp_path):
     (recording,) = recordings.list_recordings(tmp_path / "trn")
     clip = clips.prepare(recording, settings_for(tmp_path), True)
     assert len(clip.onset_peaks.times) == 0
-    assert "the strongest peak is 0.0" in clip.all_notes(settings_for(tmp_path))[0]
+    assert "is it the right audio?" in clip.all_notes(settings_for(tmp_path))[0]
 
 
 def test_silence_without_words_is_noted(prepare):
     clip, config = prepare(onsets=(), words=None)
     (note,) = clip.all_notes(config)
-    assert note.startswith("no onset: the strongest peak is")
+    assert note == "no words, and no voice is heard, so all of it without an onset is a pause"
 
 
 def test_another_frame_rate_is_resampled_and_noted(prepare):

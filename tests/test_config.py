@@ -176,6 +176,12 @@ REFUSED = {
     "not above zero": ("root: {return_half_life: 0}", 1, "return_half_life: found 0, allowed: greater than 0"),
     "too large": ("beam: {min_ratio: 1.5}", 1, r"min_ratio: found 1\.5, allowed: less than or equal to 1"),
     "weight too large": ("features:\n  w_full: [2]", 2, r"features\.w_full\.0: found 2, allowed: less than"),
+    "channel": (
+        "audio: {channel: both}",
+        1,
+        r"audio\.channel: found \"both\", allowed: 'mix', 'left', 'right' or a number",
+    ),
+    "channel 0": ("audio: {channel: 0}", 1, r"audio\.channel: found 0, allowed: 'mix'"),
     "nan": ("onsets: {min_strength: .nan}", 1, r'min_strength: found "\.nan", allowed: .* write a finite number'),
     "infinity": ("onsets: {min_strength: .inf}", 1, r'min_strength: found "\.inf", allowed: .* write a finite number'),
     "no such choice": ("search: globl", 1, 'search: found "globl", allowed: '),
@@ -712,6 +718,8 @@ def leaves(model=Config, prefix=""):
 
 
 ANOTHER = {
+    "audio.channel": 2,
+    "onsets.per_second": 2.0,
     "joints": ["a"],
     "exclude": [{"clip": "a", "from": 0, "to": 1}],
     "blacklist": ["a"],

@@ -124,6 +124,7 @@ def test_the_gesture_master_config_changes_the_method_alone():
         "blend.method": "overlap",
         "blend.l_blend": 4,
         "smoothing.enabled": True,
+        "onsets.per_second": 2.0,
     }
     for section in ("prosody", "smoothing"):
         assert {key for key in keys(Config) if key.startswith(f"{section}.")} <= set(written)
@@ -137,6 +138,7 @@ def test_the_motion_matching_config_changes_the_method_alone():
         "references.mode": "all",
         "acoustics.enabled": True,
         "blend.method": "inertialize",
+        "onsets.per_second": 2.0,
     }
 
 

@@ -13,7 +13,7 @@ from gesturegen.errors import ConfigError
 # What a setup may not change: the stored clips, who is whose reference, and what measures them. Only then
 # does a difference between two rows come from the setup. How much of its references it uses is its own.
 SHARED = (
-    "seed", "paths", "data", "fps", "motion", "skeleton", "joints", "wrists", "blacklist", "exclude", "breaks", "prosody", "acoustics", "evaluation",
+    "seed", "paths", "data", "audio", "fps", "motion", "skeleton", "joints", "wrists", "blacklist", "exclude", "breaks", "prosody", "acoustics", "evaluation",
     "references.mode", "references.k", "references.list", "positions.root_joint", "onsets.sample_rate", "onsets.hop_length", "onsets.muted_min_seconds",
     "onsets.muted_max_seconds", "onsets.muted_margin_seconds",
 )  # fmt: skip

@@ -22,7 +22,7 @@ from gesturegen.stored.arrays import Array, Kind
 FORMAT_VERSION = 2
 # What is stored of one recording depends on these beside it, and a whole database on more.
 GESTURE_SETTINGS = (
-    "fps", "joints", "skeleton", "positions", "onsets", "wrists", "exclude", "breaks", "prosody",
+    "fps", "joints", "skeleton", "positions", "audio", "voice", "onsets", "wrists", "exclude", "breaks", "prosody",
     "gesture_master.cutting", "gesture_master.quality", "gesture_master.mirror", "gesture_master.joint_pairs",
     "gesture_master.rhythm.bits", "gesture_master.rhythm.smoothing_seconds", "gesture_master.rhythm.corrections",
     "gesture_master.transition_frames", "keywords.words", "pauses",

@@ -5,6 +5,7 @@ Everything comes in copies: the recording itself and, with `mirror`, the recordi
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
@@ -126,9 +127,22 @@ def clip_name(recording: str, frame: int, fps: float) -> str:
     return f"{recording}@{frame / fps:.2f}"
 
 
-def spoken(words: Sequence[Word], onset_times: np.ndarray) -> list[tuple[float, float]]:
-    """Words as times; without any, onsets stand in for them, since a transcript is optional."""
-    return [(word.start, word.end) for word in words] or [(time, time) for time in onset_times.tolist()]
+def spoken(
+    words: Sequence[Word], onset_times: np.ndarray, voice: np.ndarray | None = None
+) -> list[tuple[float, float]]:
+    """Words as times; without any, onsets and what is heard of the voice stand in, since a transcript is optional.
+
+    voice : seconds `[shape=(S, 2)]` in which somebody is heard to speak; each onset within starts a word
+    """
+    if words:
+        return [(word.start, word.end) for word in words]
+    onsets = np.asarray(onset_times, dtype=np.float64)
+    found, left = [], np.ones(len(onsets), dtype=bool)
+    for start, end in [] if voice is None else voice.tolist():
+        inside = (onsets > start) & (onsets < end)
+        left &= ~inside
+        found += itertools.pairwise([start, *np.unique(onsets[inside]).tolist(), end])
+    return sorted([*found, *((time, time) for time in onsets[left].tolist())])
 
 
 def extract(reference: Reference, config: Config) -> Gestures:
@@ -220,7 +234,9 @@ class _Segments:
         self.cuts: list[cutting.Cut] = []
         self.thresholds = np.zeros((len(cutting.THRESHOLDS), 2))
         self._evidence = []
-        words = np.array(spoken(reference.speech.words, reference.speech.onset_times)).reshape(-1, 2)
+        words = np.array(spoken(reference.speech.words, reference.speech.onset_times, reference.speech.voice)).reshape(
+            -1, 2
+        )
         for start, last in zip(self.starts.tolist(), self.ends.tolist(), strict=True):
             here = slice(start, last + 1)
             speeds = rhythm.hand_speeds(own.hands[here], self.fps, self.settings.rhythm.smoothing_seconds)

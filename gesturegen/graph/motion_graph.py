@@ -20,7 +20,7 @@ from gesturegen.stored.arrays import Array, Kind
 FORMAT_VERSION = 3
 # Everything a stored graph depends on beyond its clips.
 SETTINGS = (
-    "fps", "joints", "skeleton", "positions", "continuity", "onsets", "keywords.words", "wrists", "exclude", "breaks",
+    "fps", "joints", "skeleton", "positions", "continuity", "audio", "voice", "onsets", "keywords.words", "wrists", "exclude", "breaks",
     "pauses", "phrases", "references.seconds",
 )  # fmt: skip
 
@@ -84,7 +84,11 @@ def build(references: Sequence[Reference], config: Config, block_pairs: int | No
 
 def phrase_nodes(reference: Reference, settings: Phrases) -> np.ndarray:
     """The frames, among those that may be used, at which a phrase of a reference's speech ends."""
-    frames = np.unique(np.round(phrase_ends(reference.speech.words, settings) * reference.speech.fps).astype(np.int64))
+    frames = np.unique(
+        np.round(phrase_ends(reference.speech.words, settings, reference.speech.voice) * reference.speech.fps).astype(
+            np.int64
+        )
+    )
     kept = reference.source_frames
     return np.searchsorted(kept, frames[np.isin(frames, kept)])
 

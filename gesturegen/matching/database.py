@@ -35,7 +35,7 @@ from gesturegen.stored.arrays import Array, Kind
 
 FORMAT_VERSION = 2
 SETTINGS = (
-    "fps", "joints", "skeleton", "positions", "onsets", "wrists", "exclude", "breaks", "keywords.words", "pauses", "acoustics",
+    "fps", "joints", "skeleton", "positions", "audio", "voice", "onsets", "wrists", "exclude", "breaks", "keywords.words", "pauses", "acoustics",
     "references.seconds", "motion_matching.sequence_seconds", "motion_matching.step_seconds",
     "motion_matching.audio_values", "motion_matching.audio_interval_seconds", "motion_matching.pose_values",
     "motion_matching.pose_interval_seconds", "motion_matching.joints",

@@ -21,7 +21,7 @@ from gesturegen.stored.arrays import Kind
 FORMAT_VERSION = 2
 # What the frames of references depend on: the settings that are common to all methods.
 SETTINGS = (
-    "fps", "joints", "skeleton", "positions", "onsets", "wrists", "exclude", "breaks", "keywords.words", "pauses",
+    "fps", "joints", "skeleton", "positions", "audio", "voice", "onsets", "wrists", "exclude", "breaks", "keywords.words", "pauses",
     "references.seconds",
 )  # fmt: skip
 STRETCH = "stretch"

@@ -78,7 +78,7 @@ def search(
 
 def segments(speech: Speech, config: Config) -> list[Cut]:
     """The clips of a test speech, cut by the rule that cuts the references."""
-    words = spoken(speech.words, speech.onset_times)
+    words = spoken(speech.words, speech.onset_times, speech.voice)
     return cutting.cut(words, speech.n_frames, speech.fps, config.gesture_master.cutting)
 
 
@@ -89,7 +89,7 @@ def data_terms(found: GestureDatabase, speech: Speech, cuts: Sequence[Cut], conf
     other a gesture.
     """
     settings = config.gesture_master
-    words, fps = spoken(speech.words, speech.onset_times), speech.fps
+    words, fps = spoken(speech.words, speech.onset_times, speech.voice), speech.fps
     signatures = np.array([rhythm.of_words(words, cut.start / fps, cut.end / fps, settings.rhythm) for cut in cuts])
     wanted = _wanted_styles(found, speech, cuts, config)
     rests = np.array([cut.rest for cut in cuts])
@@ -182,10 +182,11 @@ def _notes(
 ) -> tuple[str, ...]:
     """What a user should know of a clip beyond its figures."""
     notes = []
-    if not speech.words and len(speech.onset_times):
-        notes.append("no words, so its onsets stand for them")
+    heard = len(speech.onset_times) or (speech.voice is not None and len(speech.voice))
+    if not speech.words and heard:
+        notes.append("no words, so its onsets and the sound of its voice stand for them")
     elif not speech.words:
-        notes.append("no words and no onsets, so all of it is rest")
+        notes.append("no words, no onsets and no voice, so all of it is rest")
     kinds = {"rest": any(cut.rest for cut in cuts), "gesture": any(not cut.rest for cut in cuts)}
     held = {"rest": bool(found.rests.any()), "gesture": bool((~found.rests).any())}
     for kind, other in (("rest", "gestures"), ("gesture", "rests")):

@@ -10,10 +10,11 @@ from gesturegen.pipeline.build_graph import build_graphs
 from gesturegen.pipeline.common import Summary
 from gesturegen.pipeline.compare import compare
 from gesturegen.pipeline.datasets import demo_data, init
+from gesturegen.pipeline.doctor import doctor
 from gesturegen.pipeline.evaluate import evaluate
 from gesturegen.pipeline.export import export
 from gesturegen.pipeline.inspect import inspect
-from gesturegen.pipeline.preprocess import preprocess, suggest_blacklist
+from gesturegen.pipeline.preprocess import preprocess
 from gesturegen.pipeline.reenact import reenact
 from gesturegen.pipeline.refiner import train_refiner
 from gesturegen.pipeline.report import report
@@ -29,6 +30,7 @@ __all__ = [
     "check",
     "compare",
     "demo_data",
+    "doctor",
     "evaluate",
     "export",
     "init",
@@ -39,7 +41,6 @@ __all__ = [
     "render_videos",
     "report",
     "run",
-    "suggest_blacklist",
     "train_refiner",
     "transcribe",
 ]

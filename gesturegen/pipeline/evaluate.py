@@ -39,7 +39,7 @@ from gesturegen.pipeline.common import (
 )
 from gesturegen.pipeline.keyword_gestures import load_frames
 from gesturegen.pipeline.motions import folder_motions, folder_sounds
-from gesturegen.speech import audio
+from gesturegen.speech import audio, voice
 from gesturegen.stored import documents, sealing
 
 _CONTROL_COLUMNS = ("clip", *evaluation.CONTROL_HEADINGS)
@@ -370,10 +370,13 @@ def read_heard(path: Path | None, config: Config) -> evaluation.Heard | None:
     if path.suffix == ".npz":
         speech = clips.load(path, config, with_motion=False).test_speech(config)
         paused = ~keynodes.speaking(speech, config.pauses)
-        return evaluation.Heard(speech.onset_times, spoken(speech.words, speech.onset_times), paused)
-    samples, rate = audio.read_samples(path)
-    peaks = audio.detect_onset_peaks(samples, rate, config.onsets)
-    return evaluation.Heard(peaks.select(config.onsets.min_strength, config.onsets.muted_max_share))
+        return evaluation.Heard(speech.onset_times, spoken(speech.words, speech.onset_times, speech.voice), paused)
+    sound = audio.read(path, config.audio.channel)
+    peaks = audio.detect_onset_peaks(sound.samples, sound.rate, config.onsets)
+    spans = voice.voiced(voice.measure(sound.samples, sound.rate), (), config.voice)
+    return evaluation.Heard(
+        peaks.times[peaks.are_onsets(peaks.threshold(config.onsets, spans), config.onsets.muted_max_share)]
+    )
 
 
 def _add_utilisation(rows: dict, total: dict, references: dict[str, list[str]], index: dict) -> None:

@@ -9,8 +9,7 @@ from pathlib import Path
 from gesturegen import clips, inputs, recordings
 from gesturegen.config import Config
 from gesturegen.errors import ConfigError, DamagedError, DataError
-from gesturegen.joints import settings_for
-from gesturegen.motion import bvh, cleanup, screening, space
+from gesturegen.motion import bvh
 from gesturegen.parallel import Outcome, describe_bugs, for_each
 from gesturegen.pipeline.common import (
     INDEX_VERSION,
@@ -183,24 +182,3 @@ def _together(warnings: list[tuple[str, str]]) -> list[tuple[str, str]]:
         (clip, note), *others = own
         told += own if len(own) < _MANY else [(f"{clip} and {len(others)} more", note)]
     return told
-
-
-def suggest_blacklist(config: Config, jobs: int, quiet: bool) -> Summary:
-    """List near-motionless or glitching clips and ranges with the reason and the figure; exclude nothing."""
-    references = {recording.name: recording for recording in recordings.reference_recordings(config)}
-    _require_references(config, references)
-    outcome = for_each(
-        {name: partial(_screen_clip, recording, config) for name, recording in references.items()},
-        jobs,
-        "screen",
-        quiet,
-    )
-    lines = [line for found in outcome.done.values() for line in found]
-    return Summary(outcome, lines=lines or [f"nothing to suggest in {len(outcome.done)} clips"])
-
-
-def _screen_clip(recording: Recording, config: Config) -> list[str]:
-    motion = cleanup.resample(space.read(recording.motion_path, config), config.fps)
-    joints, _ = clips.select_joints(motion.skeleton, config)
-    wrists = settings_for(motion.skeleton, config).wrists.joints
-    return [finding.describe(recording.name) for finding in screening.screen(motion, joints, wrists)]

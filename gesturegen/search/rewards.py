@@ -110,7 +110,7 @@ def _onset_weights(speech: Speech) -> np.ndarray:
 
 
 def _phrase_frames(speech: Speech, config: Config) -> np.ndarray:
-    return np.round(phrase_ends(speech.words, config.phrases) * speech.fps).astype(np.int64)
+    return np.round(phrase_ends(speech.words, config.phrases, speech.voice) * speech.fps).astype(np.int64)
 
 
 def _beats(graph: MotionGraph, config: Config) -> tuple[np.ndarray, np.ndarray] | None:

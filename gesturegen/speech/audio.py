@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import struct
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -20,9 +21,16 @@ from gesturegen.compiled import load_librosa
 from gesturegen.config import Onsets
 from gesturegen.errors import DataError
 from gesturegen.motion.skeleton import read_only
+from gesturegen.speech import compressed
+from gesturegen.speech.channels import Mixer
 
-EXTENSIONS = (".wav", ".flac", ".ogg")
-_READABLE = {"WAV", "WAVEX", "RF64", "FLAC", "OGG"}
+LOSSLESS = (".wav", ".flac")
+# Of a clip that has one of those as well these are taken for copies, as tools leave them beside.
+COPIES = (".mp3", ".m4a", ".aac", ".opus", ".oga")
+EXTENSIONS = (*LOSSLESS, ".ogg", *COPIES)
+_READABLE = {"WAV", "WAVEX", "RF64", "FLAC", "OGG", "MP3", "MPEG"}
+# Their lengths are guessed from a first part, or not announced at all.
+_GUESSED = {"MP3", "MPEG"}
 MOST_BYTES = 4_000_000_000
 # Hz. Telephones have 8,000, the fastest converters 768,000.
 SAMPLE_RATES = (1000, 768_000)
@@ -39,9 +47,11 @@ _MOST_CHUNKS = 1000
 # libsndfile's word for a length that the header does not tell.
 _UNKNOWN_FRAMES = 2**63 - 1
 # What recorders write that cannot know the length: the largest numbers of 32 and 31 bits, or a little less.
-_UNKNOWN_LENGTHS = (range(0x7FFFF000, 0x80000001), range(0xFFFFF000, 0x100000000))
+_UNKNOWN_LENGTHS = (range(0x7FFF0000, 0x80000101), range(0xFFFF0000, 0x100000000))
 # librosa's analysis window; shorter audio is padded with silence to this length.
 _SHORTEST_ANALYSIS = 2048
+# How far from the speech a peak may lie and still be of it.
+_VOICE_SLACK_SECONDS = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +71,36 @@ class OnsetPeaks:
         for name in ("times", "strengths", "near_mute"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
+    def threshold(self, settings: Onsets, voiced: np.ndarray) -> float:
+        """The strength from which on a peak is an onset: `min_strength`, or as the recording asks (`per_second`).
+
+        With `per_second` it is such that there are so many peaks per second of speech, of those in the speech.
+        voiced : seconds `[shape=(S, 2)]` in which somebody speaks; without any, `min_strength` holds
+        """
+        if settings.per_second is None:
+            return settings.min_strength
+        return self.threshold_for(settings.per_second, voiced, settings.min_strength)
+
+    def threshold_for(self, per_second: float, voiced: np.ndarray, otherwise: float) -> float:
+        """The strength above which there are `per_second` peaks per second of speech; `otherwise` without speech."""
+        count = round(per_second * voiced_seconds(voiced))
+        strengths = np.sort(self.strengths[self._within(voiced) & ~self.near_mute])[::-1]
+        if count == 0 or not len(strengths):
+            return otherwise
+        return float(strengths[min(count, len(strengths)) - 1])
+
+    def rate(self, min_strength: float, muted_max_share: float, voiced: np.ndarray) -> float:
+        """Onsets per second of speech; NaN without speech."""
+        onsets = self.are_onsets(min_strength, muted_max_share) & self._within(voiced)
+        return onsets.sum() / seconds if (seconds := voiced_seconds(voiced)) > 0 else np.nan
+
+    def _within(self, voiced: np.ndarray) -> np.ndarray:
+        """Which peaks lie in the speech; backtracked times are a little before the voice."""
+        marks = np.asarray(voiced, dtype=np.float64).reshape(-1, 2)
+        after = np.searchsorted(marks[:, 0], self.times + _VOICE_SLACK_SECONDS, side="right") - 1
+        ends = np.append(marks[:, 1], -np.inf)
+        return (after >= 0) & (self.times <= ends[after] + _VOICE_SLACK_SECONDS)
+
     def are_onsets(self, min_strength: float, muted_max_share: float) -> np.ndarray:
         """Which peaks are onsets, bool `[shape=(K,)]`: those at least `min_strength` strong, but no pops around mutes.
 
@@ -78,11 +118,27 @@ class OnsetPeaks:
         return self.times[self.are_onsets(min_strength, muted_max_share)]
 
 
-def read_samples(path: str | Path) -> tuple[np.ndarray, int]:
-    """Mono samples `[shape=(n,)]` float32 and the sample rate in Hz of a WAV, FLAC or OGG file.
+@dataclass(frozen=True, eq=False)
+class Sound:
+    """Mono samples float32 `[shape=(n,)]` at `rate` Hz, and what is odd about the file, one line each."""
 
-    Channels are averaged. Raises DataError, saying what the file is, for anything else, for a truncated
-    or empty file and for samples that are not finite.
+    samples: np.ndarray
+    rate: int
+    notes: tuple[str, ...] = ()
+
+
+def read_samples(path: str | Path) -> tuple[np.ndarray, int]:
+    """The mean of all channels `[shape=(n,)]` float32 and the sample rate in Hz of a sound file, as by `read`."""
+    sound = read(path)
+    return sound.samples, sound.rate
+
+
+def read(path: str | Path, channel: str | int = "mix") -> Sound:
+    """One channel, or the mean of all, of a WAV, FLAC, Ogg (Vorbis, Opus), MP3, M4A or AAC file.
+
+    What a file is is told by its first bytes, whatever it is called. channel : `mix`, `left`, `right` or a number from 1.
+    Raises DataError, saying what the file is, for anything else, for a truncated or empty file and for samples that
+    are not finite.
     """
     import soundfile
 
@@ -90,11 +146,23 @@ def read_samples(path: str | Path) -> tuple[np.ndarray, int]:
     with inputs.open_regular(path, most_bytes=MOST_BYTES) as opened:
         try:
             size = inputs.size(opened)
-            _refuse_cut_off(path, opened, size)
+            mended = _refuse_cut_off(path, opened, size)
             os.lseek(opened.fileno(), 0, os.SEEK_SET)  # seek() may stay inside its buffer
-            with _sequential(soundfile)(opened.fileno(), closefd=False) as file:
-                _check_format(path, file)
-                return _read_mono(path, file, size), file.samplerate
+            head = os.read(opened.fileno(), 12)
+            os.lseek(opened.fileno(), 0, os.SEEK_SET)
+            foreign = compressed.kind(head)
+            try:
+                source = _Mended(opened, mended) if mended else opened.fileno()
+                with _sequential(soundfile)(source, closefd=False) as file:
+                    _check_format(path, file.format, file.samplerate, file.channels)
+                    return _read_sound(path, file, size, channel)
+            except soundfile.SoundFileError:
+                if foreign is None:
+                    raise
+            opened.seek(0)
+            decoder = compressed.Decoder(path, opened, foreign)
+            _check_format(path, None, decoder.rate, decoder.n_channels)
+            return _gather(path, decoder.blocks(), decoder.rate, decoder.n_channels, size, channel)
         except OSError as error:
             raise DataError(f"{inputs.shown(path)}: cannot be read ({error.strerror}); {inputs.PERMISSIONS}") from None
         except soundfile.SoundFileError as error:
@@ -102,6 +170,35 @@ def read_samples(path: str | Path) -> tuple[np.ndarray, int]:
             raise DataError(
                 f"{inputs.shown(path)}: damaged, cut off or no audio file ({reason}); copy it again or convert it to WAV"
             ) from None
+
+
+class _Mended:
+    """An open file, some bytes of which read as others; libsndfile takes the lengths of a header to the letter."""
+
+    def __init__(self, file: BinaryIO, changes: Mapping[int, bytes]):
+        self._file, self._changes = file, changes
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        return self._file.seek(offset, whence)
+
+    def tell(self) -> int:
+        return self._file.tell()
+
+    def readinto(self, buffer) -> int:
+        start, data = self._file.tell(), bytearray(self._file.read(len(buffer)))
+        for at, new in self._changes.items():
+            for place, byte in enumerate(new, at - start):
+                if 0 <= place < len(data):
+                    data[place] = byte
+        buffer[: len(data)] = data
+        return len(data)
+
+    def read(self, count: int = -1) -> bytes:
+        buffer = bytearray(count)
+        return bytes(buffer[: self.readinto(buffer)])
+
+    def write(self, _) -> int:
+        raise OSError("only read")
 
 
 def _sequential(soundfile) -> type:
@@ -114,30 +211,49 @@ def _sequential(soundfile) -> type:
     return Sequential
 
 
-def _check_format(path: Path, file) -> None:
+def _check_format(path: Path, kind: str | None, rate: int, channels: int) -> None:
     """DataError for a format that is not read, and for figures of the header that no recording has."""
     low, high = SAMPLE_RATES
-    if file.format not in _READABLE:
+    if kind is not None and kind not in _READABLE:
+        raise DataError(f"{inputs.shown(path)}: this is {kind}, which cannot be used; convert it to WAV")
+    if not low <= rate <= high:
         raise DataError(
-            f"{inputs.shown(path)}: this is {_name_format(file.format)}, which cannot be used; convert it to WAV"
-        )
-    if not low <= file.samplerate <= high:
-        raise DataError(
-            f"{inputs.shown(path)}: a sample rate of {file.samplerate:,} Hz, expected {low:,} to {high:,}; "
+            f"{inputs.shown(path)}: a sample rate of {rate:,} Hz, expected {low:,} to {high:,}; "
             "the header is wrong; export the audio again"
         )
-    if file.channels > MOST_CHANNELS:
+    if not 0 < channels <= MOST_CHANNELS:
         raise DataError(
-            f"{inputs.shown(path)}: {file.channels} channels, at most {MOST_CHANNELS} are read; export the speaker's alone"
+            f"{inputs.shown(path)}: {channels} channels, at most {MOST_CHANNELS} are read; export the speaker's alone"
         )
 
 
-def _read_mono(path: Path, file, size: int) -> np.ndarray:
-    """The mean of all channels `[shape=(n,)]` float32, read in blocks so that no announced length is taken on trust."""
-    rate, known = file.samplerate, 0 < file.frames < _UNKNOWN_FRAMES
+def _read_sound(path: Path, file, size: int, channel: str | int) -> Sound:
+    """What libsndfile reads, in blocks so that no announced length is taken on trust."""
+    # No recording is as long as a stream's encoder says that cannot know.
+    known = file.format not in _GUESSED and 0 < file.frames <= MOST_SECONDS * file.samplerate
+    known &= file.frames < _UNKNOWN_FRAMES and not any(file.frames in marks for marks in _UNKNOWN_LENGTHS)
+    announced = file.frames if known else None
+
+    def blocks() -> Iterator[np.ndarray]:
+        while len(block := file.read(max(_BLOCK // file.channels, 1), dtype="float32", always_2d=True)):
+            yield block
+
+    return _gather(path, blocks(), file.samplerate, file.channels, size, channel, announced)
+
+
+def _gather(
+    path: Path, blocks: Iterable[np.ndarray], rate: int, n_channels: int, size: int, channel: str | int,
+    announced: int | None = None,
+) -> Sound:  # fmt: skip
+    """One channel of blocks `[shape=(n, channels)]`; announced : samples that there should be, None for unknown."""
     most = min(MOST_SECONDS * rate, (_ALWAYS_ALLOWED + _MOST_TIMES * size) // 4)
-    blocks, count = [], 0
-    while len(block := file.read(max(_BLOCK // file.channels, 1), dtype="float32", always_2d=True)):
+    mixer = Mixer(inputs.shown(path), n_channels, rate, channel)
+    kept, count = [], 0
+    for block in blocks:
+        if block.shape[1] != n_channels:
+            raise DataError(
+                f"{inputs.shown(path)}: damaged: {n_channels} channels become {block.shape[1]} at {count / rate:.3f} s; copy it again"
+            )
         # NaN is not less either.
         bad = np.flatnonzero(~(np.abs(block).max(axis=1) < _LARGEST_SAMPLE))
         if len(bad):
@@ -145,7 +261,7 @@ def _read_mono(path: Path, file, size: int) -> np.ndarray:
                 f"{inputs.shown(path)}: the sample at {(count + bad[0]) / rate:.3f} s is not a finite number "
                 f"below {_LARGEST_SAMPLE:.2g}; export the audio again"
             )
-        blocks.append(block.mean(axis=1, dtype=np.float32))
+        kept.append(mixer.add(block))
         count += len(block)
         if count > most:
             raise DataError(
@@ -154,9 +270,14 @@ def _read_mono(path: Path, file, size: int) -> np.ndarray:
             )
     if count == 0:
         raise DataError(f"{inputs.shown(path)}: holds no audio (0 s); record or copy it again")
-    if known and count < file.frames:
-        raise DataError(f"{inputs.shown(path)}: the file is cut off: {count} of {file.frames} samples; copy it again")
-    return np.concatenate(blocks)
+    if announced is not None and count < announced:
+        raise DataError(f"{inputs.shown(path)}: the file is cut off: {count} of {announced} samples; copy it again")
+    return Sound(np.concatenate(kept), rate, tuple(mixer.notes(inputs.shown(path.name))))
+
+
+def voiced_seconds(voiced: np.ndarray) -> float:
+    """The sum of spans `[shape=(S, 2)]`, seconds."""
+    return float(np.sum(voiced[:, 1] - voiced[:, 0]))
 
 
 def detect_onset_peaks(samples: np.ndarray, rate: int, settings: Onsets) -> OnsetPeaks:
@@ -215,29 +336,29 @@ def _distance_to_nearest(times: np.ndarray, marks: np.ndarray) -> np.ndarray:
     return np.minimum(left, right)
 
 
-def _name_format(name: str) -> str:
-    return {"MPEG": "MPEG audio (MP3)", "MP3": "MPEG audio (MP3)"}.get(name, name)
+def _refuse_cut_off(path: Path, file: BinaryIO, size: int) -> dict[int, bytes]:
+    """Compare what a file announces with what is there; libsndfile reads the rest of a cut file in silence.
 
-
-def _refuse_cut_off(path: Path, file: BinaryIO, size: int) -> None:
-    """Compare what a file announces with what is there; libsndfile reads the rest of a cut file in silence."""
+    The bytes that its header should have, by their place, where its writer could not know the length.
+    """
     head = file.read(12)
     if size == 0:
         raise DataError(f"{inputs.shown(path)}: the file is empty; copy it again from its source")
     if head.startswith(b"version http"):
         raise DataError(f"{inputs.shown(path)}: a Git LFS pointer, not the file itself; run `git lfs pull`")
     if head[:4] in (b"RIFF", b"RF64"):
-        _check_chunks(path, file, size, head)
-    elif head[:4] == b"OggS":
+        return _check_chunks(path, file, size, head)
+    if head[:4] == b"OggS":
         _check_last_page(path, file, size)
+    return {}
 
 
-def _check_chunks(path: Path, file: BinaryIO, size: int, head: bytes) -> None:
+def _check_chunks(path: Path, file: BinaryIO, size: int, head: bytes) -> dict[int, bytes]:
     """A WAV file has one data chunk, as long as announced; `ds64` holds the length where 32 bits are too few."""
     if len(head) == 12 and head[8:] != b"WAVE":
         kind = head[8:].decode("latin-1")
         raise DataError(f"{inputs.shown(path)}: a RIFF file of type {kind!r}, not WAV; convert its sound to WAV")
-    large, heard = None, False
+    large, heard, mended = None, False, {}
     for _ in range(_MOST_CHUNKS):
         chunk = file.read(8)
         # After the audio anything may stand; before it, the file is cut off.
@@ -247,8 +368,12 @@ def _check_chunks(path: Path, file: BinaryIO, size: int, head: bytes) -> None:
         if name == b"data" and heard:
             raise DataError(f"{inputs.shown(path)}: a second data chunk; only one can be meant; export the audio again")
         if name == b"data":
-            held, heard = size - file.tell(), True
-            announced = _announced(length, large, held, head)
+            start, heard = file.tell(), True
+            held = size - start
+            if held > 0 and _is_unknown(length, large, size, head):
+                length, large = held, None
+                mended = {0: b"RIFF" + struct.pack("<I", size - 8), start - 4: struct.pack("<I", held)}
+            announced = length if large is None else large
             if held < announced:
                 raise DataError(
                     f"{inputs.shown(path)}: the file is cut off: {held} of {announced} bytes of audio; copy it again"
@@ -263,14 +388,20 @@ def _check_chunks(path: Path, file: BinaryIO, size: int, head: bytes) -> None:
         file.seek(length + length % 2, 1)
     if not heard:
         raise DataError(f"{inputs.shown(path)}: the file is cut off before its audio; copy it again")
+    return mended
 
 
-def _announced(length: int, large: int | None, held: int, head: bytes) -> int:
-    """How many bytes of audio a data chunk says it has: all that are `held` where a stream's writer left a mark."""
+def _is_unknown(length: int, large: int | None, size: int, head: bytes) -> bool:
+    """Whether a data chunk that is not empty says that its writer could not know its length, or was killed before.
+
+    A length of 0 with audio behind it is one of these, unless the whole file is as long as the header says: then that
+    is other data. large : what `ds64` says, None without
+    """
     if large is not None:
-        return large
-    unknown = any(length in marks for marks in _UNKNOWN_LENGTHS) or length == 0 == struct.unpack("<I", head[4:8])[0]
-    return held if unknown else length
+        return large == 0 or large >= _UNKNOWN_FRAMES
+    if any(length in marks for marks in _UNKNOWN_LENGTHS):
+        return True
+    return length == 0 and struct.unpack("<I", head[4:8])[0] + 8 not in (size, size + 1)
 
 
 def _check_last_page(path: Path, file: BinaryIO, size: int) -> None:

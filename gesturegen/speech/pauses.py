@@ -17,16 +17,21 @@ _TIME_SLACK = 1e-9
 
 
 def speaking_frames(
-    words: Sequence[Word], onset_frames: np.ndarray, n_frames: int, fps: float, min_seconds: float
-) -> np.ndarray:
-    """bool `[shape=(n_frames,)]`: False in every run of over `min_seconds` that holds no word and no onset.
+    words: Sequence[Word], onset_frames: np.ndarray, n_frames: int, fps: float, min_seconds: float,
+    voice: np.ndarray | None = None,
+) -> np.ndarray:  # fmt: skip
+    """bool `[shape=(n_frames,)]`: False in every run of over `min_seconds` that holds no word, no onset and no voice.
 
-    Runs at the beginning and at the end count as well, and so does a speech without any word or onset.
+    voice : seconds `[shape=(S, 2)]` in which somebody is heard to speak, whatever the words are; None for none
+
+    Runs at the beginning and at the end count as well, and so does a speech in which nothing at all is heard.
     """
     heard = np.zeros(n_frames, dtype=bool)
     for word in words:
         start, end = word.frames(fps)
         heard[max(start, 0) : max(end, 0)] = True
+    for start, end in np.zeros((0, 2)) if voice is None else voice:
+        heard[max(int(np.floor(start * fps)), 0) : int(np.ceil(end * fps))] = True
     heard[onset_frames] = True
     speaking = np.ones(n_frames, dtype=bool)
     for start, end in runs(~heard):
@@ -35,12 +40,14 @@ def speaking_frames(
     return speaking
 
 
-def phrase_ends(words: Sequence[Word], settings: Phrases) -> np.ndarray:
+def phrase_ends(words: Sequence[Word], settings: Phrases, voice: np.ndarray | None = None) -> np.ndarray:
     """Times in seconds, ascending, at which a phrase ends: the end of a word that no other one follows soon.
 
     A gap of over `min_gap_seconds` ends a phrase, and so does the last word. Words of several speakers may overlap.
+    voice : seconds `[shape=(S, 2)]` in which somebody is heard to speak, which stand in for words where there is none
     """
-    words = sorted(words, key=lambda word: (word.start, word.end))
-    ends = np.maximum.accumulate([word.end for word in words]) if words else np.zeros(0)
-    starts = np.array([word.start for word in words[1:]])
-    return ends[np.append(starts - ends[:-1] > settings.min_gap_seconds + _TIME_SLACK, True)] if words else ends
+    spoken = sorted((word.start, word.end) for word in words)
+    spoken = spoken or sorted(map(tuple, [] if voice is None else voice.tolist()))
+    ends = np.maximum.accumulate([end for _, end in spoken]) if spoken else np.zeros(0)
+    starts = np.array([start for start, _ in spoken[1:]])
+    return ends[np.append(starts - ends[:-1] > settings.min_gap_seconds + _TIME_SLACK, True)] if spoken else ends

@@ -418,7 +418,10 @@ def test_onsets_stand_for_the_words_of_a_speech_without():
     instants = find(database, gb.speech(200, [("x", f, f) for f in onsets]), config)
     for one, other in zip(heard.tracks, instants.tracks, strict=True):
         np.testing.assert_array_equal(one.nodes, other.nodes)
-    assert heard.notes[0] == "no words, so its onsets stand for them" and heard.notes[1:] == instants.notes
+    assert (
+        heard.notes[0] == "no words, so its onsets and the sound of its voice stand for them"
+        and heard.notes[1:] == instants.notes
+    )
     assert {piece.target.end_kind for piece in heard.tracks[0].pieces} == {"rest", "clip"}
 
 
@@ -426,7 +429,7 @@ def test_a_speech_without_words_and_onsets_is_rest():
     config = gb.config()
     database = build([recording(8, 400)], config)
     path = find(database, gb.speech(200), config)
-    assert path.notes[0] == "no words and no onsets, so all of it is rest"
+    assert path.notes[0] == "no words, no onsets and no voice, so all of it is rest"
     for piece, clip in zip(path.tracks[0].pieces, clips_of(database, path.tracks[0]), strict=True):
         assert piece.target.end_kind == "rest" and database.rests[clip] and piece.fallback != "kind"
 

@@ -1,4 +1,5 @@
 import struct
+import sys
 import warnings
 
 import numpy as np
@@ -275,6 +276,34 @@ def test_a_stream_without_its_length_is_read_to_the_end(tmp_path, length):
     assert len(audio.read_samples(tmp_path / "a.wav")[0]) == 8000
 
 
+@pytest.mark.parametrize("riff", (0, 36, 0xFFFFFFFF, 0x7FFFF024, 1234))
+def test_a_length_of_nothing_with_audio_behind_it_is_a_stream(tmp_path, riff):
+    """What recorders leave that write their header first, and are killed or write to a pipe."""
+    data = wav_bytes(tmp_path)
+    data[4:8], data[40:44] = struct.pack("<I", riff), bytes(4)
+    (tmp_path / "a.wav").write_bytes(data)
+    whole = audio.read_samples(tmp_path / "whole.wav")[0]
+    np.testing.assert_array_equal(audio.read_samples(tmp_path / "a.wav")[0], whole)
+
+
+def test_no_audio_before_other_data_is_no_stream(tmp_path):
+    data = wav_bytes(tmp_path)[:40] + bytes(4) + b"LIST" + struct.pack("<I", 4) + b"abcd"
+    data[4:8] = struct.pack("<I", len(data) - 8)
+    (tmp_path / "a.wav").write_bytes(data)
+    with refused(DataError, "holds no audio", tmp_path / "a.wav"):
+        audio.read_samples(tmp_path / "a.wav")
+
+
+@pytest.mark.parametrize("length", (0, 2**64 - 1, 2**63))
+def test_rf64_without_its_length_is_read_to_the_end(tmp_path, length):
+    path = write_audio(tmp_path / "a.wav", bursts([0.2], 0.5), format="RF64")
+    data = bytearray(path.read_bytes())
+    at = data.index(b"ds64") + 8
+    data[at + 8 : at + 16] = struct.pack("<Q", length)
+    path.write_bytes(data)
+    assert len(audio.read_samples(path)[0]) == 8000
+
+
 def flac_bytes(tmp_path, announced, rate=16000, seconds=0.5):
     """A FLAC file whose header says another number of samples: 36 bits from the 13th byte of STREAMINFO on."""
     data = bytearray(write_audio(tmp_path / "whole.flac", bursts([0.2], seconds), rate).read_bytes())
@@ -288,9 +317,15 @@ def test_flac_without_its_length_is_read_to_the_end(tmp_path):
     assert len(audio.read_samples(tmp_path / "a.flac")[0]) == 8000
 
 
-def test_flac_that_announces_hours_is_refused_at_once(tmp_path):
-    (tmp_path / "a.flac").write_bytes(flac_bytes(tmp_path, 2**35))
-    with refused(DataError, "the file is cut off: 8000 of 34359738368 samples", tmp_path / "a.flac"):
+@pytest.mark.parametrize("announced", (2**35, 2**36 - 1, 2**32 - 1, 2**31 - 1))
+def test_flac_that_announces_what_no_recording_lasts_is_a_stream(tmp_path, announced):
+    (tmp_path / "a.flac").write_bytes(flac_bytes(tmp_path, announced))
+    assert len(audio.read_samples(tmp_path / "a.flac")[0]) == 8000
+
+
+def test_flac_that_announces_an_hour_too_much_is_cut_off(tmp_path):
+    (tmp_path / "a.flac").write_bytes(flac_bytes(tmp_path, 3600 * 8000))
+    with refused(DataError, "the file is cut off: 8000 of 28800000 samples", tmp_path / "a.flac"):
         audio.read_samples(tmp_path / "a.flac")
 
 
@@ -304,12 +339,115 @@ def test_silence_that_unpacks_without_end_is_refused(tmp_path, monkeypatch):
     assert len(audio.read_samples(short)[0]) == 100_000
 
 
+# --- compressed files ---------------------------------------------------------------------------------------
+
+
+def encoded(path, samples, rate, codec, container):
+    """A mono sound as FFmpeg writes it."""
+    av = pytest.importorskip("av")
+    with av.open(str(path), "w", format=container) as file:
+        stream = file.add_stream(codec, rate=rate, layout="mono")
+        for start in range(0, len(samples), 1024):
+            part = np.ascontiguousarray(samples[None, start : start + 1024], dtype=np.float32)
+            frame = av.AudioFrame.from_ndarray(part, format="fltp", layout="mono")
+            frame.sample_rate, frame.pts = rate, start
+            file.mux(stream.encode(frame))
+        file.mux(stream.encode(None))
+    return path
+
+
+COMPRESSED = {
+    "MP3": lambda path, x: write_audio(path, x, 16000, format="MP3", subtype="MPEG_LAYER_III"),
+    "Opus": lambda path, x: write_audio(path, x, 16000, format="OGG", subtype="OPUS"),
+    "M4A": lambda path, x: encoded(path, x, 16000, "aac", "ipod"),
+    "AAC": lambda path, x: encoded(path, x, 16000, "aac", "adts"),
+}
+
+
+@pytest.mark.parametrize("kind", COMPRESSED)
+@pytest.mark.parametrize("name", ("a.wav", "a.bin"))
+def test_compressed_speech_is_heard_as_it_was(tmp_path, kind, name):
+    """Whatever the file is called: people rename them."""
+    path = COMPRESSED[kind](tmp_path / "made", bursts(TIMES, 6.0)).rename(tmp_path / name)
+    samples, rate = audio.read_samples(path)
+    assert len(samples) / rate == pytest.approx(6.0, abs=0.15)
+    found = onsets(samples, rate)
+    assert_heard(found[found > 0.2], TIMES, before=0.2, after=0.1)  # AAC by itself begins with the encoder's delay
+
+
+def test_a_cut_m4a_is_refused(tmp_path):
+    path = encoded(tmp_path / "a.m4a", bursts(TIMES, 6.0), 16000, "aac", "ipod")
+    path.write_bytes(path.read_bytes()[:5000])
+    with refused(DataError, "damaged or cut off", path):
+        audio.read_samples(path)
+
+
+def test_without_pyav_one_line_says_what_to_install(tmp_path, monkeypatch):
+    path = encoded(tmp_path / "a.m4a", bursts([0.5], 1.0), 16000, "aac", "ipod")
+    monkeypatch.setitem(sys.modules, "av", None)
+    with refused(
+        DataError, r"M4A \(AAC\), which needs PyAV.*pip install 'gesturegen\[video\]'.*convert it to WAV", path
+    ):
+        audio.read_samples(path)
+
+
+# --- channels -----------------------------------------------------------------------------------------------
+
+TURN = np.repeat([1.0, 0.0, 1.0, 0.0, 1.0, 0.0], 8000).astype(np.float32)
+VOICE = (0.1 * np.random.default_rng(0).standard_normal(48000)).astype(np.float32)
+STEREO = {
+    "alike": (VOICE * TURN, 0.8 * VOICE * TURN, None),
+    "a speaker each": (VOICE * TURN, VOICE * (1 - TURN), "perhaps a speaker each"),
+    "opposite signs": (VOICE * TURN, -VOICE * TURN, "cancel each other out"),
+    "one empty": (VOICE * TURN, 0 * VOICE, "channel 2 is 120 dB below channel 1"),
+    "silent": (0 * VOICE, 0 * VOICE, None),
+}
+
+
+@pytest.mark.parametrize("kind", STEREO)
+def test_channels_that_do_not_mix_are_noted(tmp_path, kind):
+    left, right, note = STEREO[kind]
+    path = write_audio(tmp_path / "a.wav", np.stack([left, right], axis=1), subtype="FLOAT")
+    sound = audio.read(path)
+    np.testing.assert_allclose(sound.samples, (left + right) / 2, atol=1e-6)
+    assert len(sound.notes) == (note is not None)
+    if note:
+        assert sound.notes[0].startswith("a.wav: ") and note in sound.notes[0] and "audio.channel" in sound.notes[0]
+
+
+@pytest.mark.parametrize(("channel", "place"), [("left", 0), ("right", 1), (1, 0), (2, 1)])
+def test_a_channel_can_be_chosen(tmp_path, channel, place):
+    left, right, _ = STEREO["a speaker each"]
+    path = write_audio(tmp_path / "a.wav", np.stack([left, right], axis=1), subtype="FLOAT")
+    found = audio.read(path, channel)
+    np.testing.assert_array_equal(found.samples, (left, right)[place])
+    assert found.notes == ()
+    mono = write_audio(tmp_path / "b.wav", left, subtype="FLOAT")
+    if isinstance(channel, str):
+        np.testing.assert_array_equal(audio.read(mono, channel).samples, left)
+
+
+def test_a_channel_that_is_not_there_is_refused(tmp_path):
+    path = write_audio(tmp_path / "a.wav", VOICE)
+    with refused(DataError, "1 channel, audio.channel says 2", path):
+        audio.read(path, 2)
+
+
+# --- thresholds that follow the recording -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("gain", (1.0, 0.2, 0.05))
+def test_the_rate_of_onsets_does_not_depend_on_the_gain(gain):
+    samples = gain * bursts(np.arange(0.5, 29, 0.3), 30.0)
+    peaks, voiced = audio.detect_onset_peaks(samples, 16000, DEFAULTS), np.array([[0.4, 10.4], [15.0, 25.0]])
+    threshold = peaks.threshold(Onsets(per_second=2.0), voiced)
+    assert peaks.rate(threshold, 0.2, voiced) == pytest.approx(2.0)
+    assert peaks.threshold(DEFAULTS, voiced) == 5.0
+    assert peaks.threshold(Onsets(per_second=2.0), np.zeros((0, 2))) == 5.0, "no speech: nothing to follow"
+    assert np.isnan(peaks.rate(5.0, 0.2, np.zeros((0, 2))))
+
+
 # --- files that are refused ---------------------------------------------------------------------------------
-
-
-def mp3(path):
-    """A second of MPEG audio under any name."""
-    write_audio(path.with_suffix(".mp3"), bursts([0.2], 1.0), format="MP3", subtype="MPEG_LAYER_III").rename(path)
 
 
 def write_wav(path, samples):
@@ -351,7 +489,6 @@ REFUSED = {
     "empty": (lambda path: path.write_bytes(b""), "the file is empty"),
     "text": (lambda path: path.write_text("This is no sound at all.\n"), "no audio file"),
     "LFS pointer": (lambda path: path.write_text("version https://git-lfs.github.com/spec/v1\n"), "Git LFS pointer"),
-    "MP3": (mp3, r"this is MPEG audio \(MP3\)"),
     "AIFF": (lambda path: write_audio(path, bursts([0.2], 0.5), format="AIFF"), "this is AIFF"),
     "zero length": (lambda path: write_audio(path, np.empty(0)), r"holds no audio \(0 s\)"),
     "header only": (lambda path: path.write_bytes(b"RIFF\x24\0\0\0WAVEfmt \x10\0\0\0\x01"), "cut off before its audio"),
@@ -437,9 +574,7 @@ def test_real_formats_are_read():
         ("aeneas/mono.empty.wav", "the file is empty"),
         ("aeneas/mono.invalid.wav", "cut off before its audio"),
         ("aeneas/mono.zero.wav", "holds no audio"),
-        ("aeneas/p001.mp3", r"MPEG audio \(MP3\)"),
         ("aeneas/p001.flac", "cut off"),
-        ("tts/tts.mp3", r"MPEG audio \(MP3\)"),
     ],
 )
 def test_real_broken_files_are_refused(name, match):

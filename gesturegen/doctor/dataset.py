@@ -1,0 +1,130 @@
+"""A whole data set as a doctor looks at it: what sets a recording apart from the others, and what can be done with all."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+from gesturegen.config import Config
+from gesturegen.doctor.examination import Examined
+from gesturegen.inputs import shown
+
+# Of a method that shows whole gesture clips, and of one that looks into the future.
+_FEW_GESTURES, _FEW_MINUTES = 50, 5.0
+
+
+def compare(examined: Mapping[str, Examined]) -> None:
+    """Add to each recording with motion what sets it apart from most others: skeleton and frame rate."""
+    having = [one for _, one in sorted(examined.items()) if one.skeleton is not None]
+    if len(having) < 2:
+        return
+    groups: list[list[Examined]] = []
+    for one in having:
+        group = next((g for g in groups if g[0].skeleton.difference(one.skeleton) is None), None)
+        groups.append([one]) if group is None else group.append(one)
+    usual = max(groups, key=len)
+    for group in groups:
+        if group is not usual:
+            what = group[0].skeleton.difference(usual[0].skeleton)
+            for one in group:
+                one.add(
+                    "other skeleton",
+                    f"another skeleton than {len(usual)} of {len(having)}: {what}",
+                    "use each skeleton's recordings by themselves, or retarget",
+                )
+    rates = Counter(round(one.fps, 3) for one in having)
+    rate, _ = max(rates.items(), key=lambda item: (item[1], -item[0]))
+    for one in having:
+        if abs(one.fps - rate) > 1e-3 * rate:
+            one.add(
+                "frame rate",
+                f"{one.fps:g} fps, {rates[rate]} of {len(having)} have {rate:g}",
+                "none is needed: it is resampled",
+            )
+
+
+def methods(
+    references: Sequence[Examined], tests: Sequence[Examined], n_true: int, config: Config
+) -> list[tuple[str, str, str]]:
+    """What each method could do with the data: name, `yes`, `limited` or `no`, and why.
+
+    n_true : tests whose true motion is known
+    """
+    fit = [one for one in references if not one.unfit and one.skeleton is not None]
+    minutes = sum(one.seconds or 0 for one in fit) / 60
+    base = f"{len(fit)} of {len(references)} references, {minutes:.1f} min"
+    nothing = "no" if not fit or not tests else None
+    why = "no reference is left" if not fit else "no test speech" if not tests else ""
+    onsets = all((one.onset_rate or 0) > 0 for one in fit)
+    clips = sum(one.gesture_clips for one in fit)
+    shared = sorted({word for one in fit for word in one.keywords} & {word for one in tests for word in one.keywords})
+    rows = [
+        ("motion_graph, search: beam", nothing or ("yes" if onsets else "limited"), why or (f"{base}, {len(shared)} keywords in both" if onsets else f"{base}, but some have no onset")),
+        ("motion_graph, search: global", nothing or "yes", why or base),
+        ("gesture_master", nothing or ("yes" if clips >= _FEW_GESTURES else "limited" if clips else "no"), why or f"{clips} gesture clips ({_FEW_GESTURES} or more are better)"),
+    ]  # fmt: skip
+    names = set(fit[0].skeleton.names) if fit else set()
+    missing = sorted(set(config.motion_matching.joints) - names)
+    able = "no" if missing else "yes" if minutes >= _FEW_MINUTES else "limited"
+    text = (
+        f"the skeleton lacks {', '.join(missing)}; give motion_matching.joints"
+        if missing
+        else f"{base} ({_FEW_MINUTES:g} or more are better)"
+    )
+    rows.append(("motion_matching", nothing or able, why or text))
+    hands = sorted({config.control.left, config.control.right} - names)
+    rows.append(
+        (
+            "control of the hands",
+            nothing or ("no" if hands else "yes"),
+            why
+            or (
+                f"the skeleton lacks {', '.join(hands)}; give control.left and control.right"
+                if hands
+                else "both hands are there"
+            ),
+        )
+    )
+    speakers = {one.speaker for one in fit} - {None}
+    served = sum(one.speaker in speakers for one in tests)
+    rows.append(
+        (
+            "references.mode: speaker",
+            nothing or ("yes" if served == len(tests) else "limited" if served else "no"),
+            why or f"{served} of {len(tests)} tests have a reference of their speaker in metadata.csv",
+        )
+    )
+    rows.append(
+        (
+            "evaluate against the truth",
+            "yes" if tests and n_true == len(tests) else "limited" if n_true else "no",
+            f"the true motion of {n_true} of {len(tests)} tests is there",
+        )
+    )
+    return rows
+
+
+def blacklist_yaml(references: Sequence[Examined], plain: Mapping[str, str]) -> str:
+    """A config that leaves out what is unfit, and why, line by line; plain : recording -> its clip's name."""
+    lines = [
+        "# What `gesturegen doctor` would leave out of the references, and why. Use it with --config, or copy it into",
+        "# your own config.",
+    ]
+    whole = [one for one in references if one.unfit]
+    lines.append("blacklist:" if whole else "blacklist: []")
+    for one in whole:
+        reasons = _comment("; ".join(f.text for f in one.findings if f.start is None))
+        lines.append(f"- {json.dumps(plain[one.name], ensure_ascii=False)}  # {reasons}")
+    ranges = [(one, f) for one in references if not one.unfit for f in one.findings if f.start is not None]
+    lines.append("exclude:" if ranges else "exclude: []")
+    for one, f in ranges:
+        lines.append(
+            f"- {{clip: {json.dumps(plain[one.name], ensure_ascii=False)}, from: {f.start:.2f}, to: {f.end:.2f}}}  # {_comment(f.text)}"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _comment(text: str) -> str:
+    """A text that may stand behind a `#`: on one line."""
+    return shown(" ".join(text.split()))
