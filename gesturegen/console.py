@@ -31,6 +31,8 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 # What to do after a command that keeps what it has done was stopped.
 GOES_ON = "the same command goes on where it stopped"
 _MOST_WARNINGS = 20
+# They make no motion, but what they find depends on the settings.
+_MEASURING = ("evaluate", "doctor")
 # What to do after a command; {work} is its work folder.
 _NEXT = {
     "preprocess": "gesturegen build-graph --work {work}",
@@ -142,7 +144,7 @@ def common(command: Callable, load: Callable | None = None) -> Callable:
                 config = load(path, overrides, remembered.remembered_folders(overrides, given))
             else:
                 config, told = remembered.load(config_path, overrides, given)
-        if told and not options["quiet"] and not options.get("as_json"):
+        if told and not options["quiet"] and (meta.get("remember") or command.__name__ in _MEASURING):
             click.echo(told, err=True)
         meta["work"] = work_folder(config)[0]
         if meta.get("remember"):

@@ -8,25 +8,31 @@ from collections.abc import Mapping, Sequence
 
 from gesturegen.config import Config
 from gesturegen.doctor.examination import Examined
+from gesturegen.graph.reference_frames import offset_tolerance
 from gesturegen.inputs import shown
 
 # Of a method that shows whole gesture clips, and of one that looks into the future.
 _FEW_GESTURES, _FEW_MINUTES = 50, 5.0
 
 
-def compare(examined: Mapping[str, Examined]) -> None:
+def _difference(one: Examined, other: Examined, config: Config) -> str | None:
+    """What keeps two recordings from sharing a graph, in words."""
+    return one.skeleton.difference(other.skeleton, offset_tolerance(one.skeleton, config))
+
+
+def compare(examined: Mapping[str, Examined], config: Config) -> None:
     """Add to each recording with motion what sets it apart from most others: skeleton and frame rate."""
     having = [one for _, one in sorted(examined.items()) if one.skeleton is not None]
     if len(having) < 2:
         return
     groups: list[list[Examined]] = []
     for one in having:
-        group = next((g for g in groups if g[0].skeleton.difference(one.skeleton) is None), None)
+        group = next((g for g in groups if _difference(g[0], one, config) is None), None)
         groups.append([one]) if group is None else group.append(one)
     usual = max(groups, key=len)
     for group in groups:
         if group is not usual:
-            what = group[0].skeleton.difference(usual[0].skeleton)
+            what = _difference(usual[0], group[0], config)
             for one in group:
                 one.add(
                     "other skeleton",

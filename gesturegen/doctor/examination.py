@@ -18,18 +18,14 @@ from gesturegen.doctor import lag
 from gesturegen.errors import DataError
 from gesturegen.gestures import cutting, extraction
 from gesturegen.inputs import shown
-from gesturegen.motion import bvh, cleanup, kinematics, screening
+from gesturegen.joints import settings_for
+from gesturegen.motion import cleanup, kinematics, screening, space
 from gesturegen.motion.skeleton import Motion, Skeleton
 from gesturegen.recordings import Recording
 from gesturegen.speech import audio
 
 # What a recording is unfit for a reference for; other findings leave it usable.
-UNFIT = ("unreadable", "no audio", "still", "torn", "silent", "out of step", "drifts", "other skeleton", "units")
-# People are this tall, in the centimetres that positions are in; a skeleton's joints end at the head's.
-PEOPLE_CENTIMETRES = (90.0, 260.0)
-UNITS = {"metres": 100.0, "millimetres": 0.1, "inches": 2.54}
-# A chain of a few joints is an arm or a toy, of any size.
-_FEW_JOINTS = 5
+UNFIT = ("unreadable", "no audio", "still", "torn", "silent", "out of step", "drifts", "other skeleton")
 _SILENT_DB, _QUIET_DB = -60.0, -45.0
 # Samples at the largest value, in runs of 3 and more: a recording that was too loud for its converter.
 _CLIPPED_SHARE, _CLIPPED_RUN = 1e-3, 3
@@ -128,7 +124,7 @@ def _read_sound(recording: Recording, found: Examined, config: Config) -> Clip |
         found.add(
             "transcript", _one_line(error), "mend the transcript, or remove it: the sound then tells where speech is"
         )
-        clip = clips.prepare(replace(recording, transcript_path=None), config, with_motion=False)
+        clip = clips.prepare(replace(recording, transcript_path=None, other_transcripts=()), config, with_motion=False)
     found.seconds = clip.duration
     _look_at_level(sound, found)
     for note in sound.notes:
@@ -241,7 +237,7 @@ def _read_motion(recording: Recording, found: Examined, config: Config) -> Motio
     if recording.motion_path is None:
         return None
     try:
-        motion = bvh.read(recording.motion_path)
+        motion = space.read(recording.motion_path, config)
         found.fps, found.skeleton = motion.fps, motion.skeleton
         return cleanup.resample(motion, config.fps)
     except DataError as error:
@@ -255,29 +251,19 @@ def _look_at_motion(motion: Motion, found: Examined, config: Config) -> None:
     except DataError as error:
         found.add("joints", _one_line(error), "name those of this skeleton in the key joints")
         joints = list(range(len(motion.skeleton.names)))
+    settings = settings_for(motion.skeleton, config)
     world = kinematics.joint_positions(motion, list(range(len(motion.skeleton.names))))
     extents = np.median(np.ptp(world, axis=1), axis=0)
     found.height = float(extents.max())
-    low, high = PEOPLE_CENTIMETRES
-    if not low <= found.height <= high and len(motion.skeleton.names) > _FEW_JOINTS:
-        fitting = [(unit, scale) for unit, scale in UNITS.items() if low <= scale * found.height <= high]
-        guess = f"; in {fitting[0][0]} it would be a person" if fitting else ""
-        found.add("units", f"the figure is {found.height:.4g} cm tall{guess}", "scale the file to centimetres")
-        # Limits of speed are in centimetres.
-        motion = _scaled(motion, fitting[0][1]) if fitting else motion
-    for problem in screening.screen(motion, joints, config.wrists.joints):
+    for note in space.notes(motion.skeleton, config):
+        found.add("units", note, "set motion.unit or motion.up_axis where that is wrong")
+    for problem in screening.screen(motion, joints, settings.wrists.joints):
         whole = problem.start is None
         kind = "still" if problem.reason.startswith(("near-motionless", "frozen", "a single")) else "torn"
         cure = "blacklist it" if whole else f"exclude {problem.start:.2f} to {problem.end:.2f} s"
         found.add(kind, problem.reason, cure, problem.start, problem.end)
-    hands = _hand_speeds(motion, config)
+    hands = _hand_speeds(motion, settings)
     found.hand_speed = None if hands is None else float(hands.mean())
-
-
-def _scaled(motion: Motion, scale: float) -> Motion:
-    skeleton = motion.skeleton
-    larger = replace(skeleton, offsets=skeleton.offsets * scale, end_sites=skeleton.end_sites * scale)
-    return Motion(larger, motion.rotations, motion.positions * scale, motion.fps)
 
 
 def _hand_speeds(motion: Motion, config: Config) -> np.ndarray | None:
@@ -309,7 +295,7 @@ def _look_at_both(motion: Motion, clip: Clip, found: Examined, config: Config) -
     found.gesture_clips = sum(
         not cut.rest for cut in cutting.cut(words, motion.n_frames, motion.fps, config.gesture_master.cutting)
     )
-    hands = _hand_speeds(motion, config)
+    hands = _hand_speeds(motion, settings_for(motion.skeleton, config))
     if hands is None or found.unfit:
         return
     speaking = np.zeros(motion.n_frames, dtype=bool)

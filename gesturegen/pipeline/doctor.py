@@ -31,7 +31,7 @@ def doctor(config: Config, jobs: int, quiet: bool, out: Path | None = None, blac
         for part, found in parts.items() for one in found
     }  # fmt: skip
     outcome = for_each(tasks, jobs, "doctor", quiet)
-    dataset.compare(outcome.done)
+    dataset.compare(outcome.done, config)
     by_part = {
         part: [outcome.done[f"{part}/{one.name}"] for one in found if f"{part}/{one.name}" in outcome.done]
         for part, found in parts.items()

@@ -94,7 +94,7 @@ FAULTS = {
     "good": (lambda files: None, set()),
     "still": (lambda files: files.motion(lambda m: m.take(np.zeros(m.n_frames, dtype=int))), {"still"}),
     "torn": (lambda files: files.motion(jump), {"torn"}),
-    "metres": (lambda files: files.motion(smaller), {"units", "other skeleton"}),
+    "metres": (lambda files: files.motion(smaller), {"units"}),
     "arm": (lambda files: files.motion(longer_arm), {"other skeleton"}),
     "fast": (lambda files: files.motion(lambda m: replace(m.take(np.repeat(np.arange(m.n_frames), 2)), fps=60.0)), {"frame rate"}),
     "silent": (lambda files: files.sound(lambda x: 0 * x), {"silent"}),
@@ -167,7 +167,7 @@ def test_findings_give_the_figure(looked):
     assert re.search(
         r"words do not lie where a voice is heard \(correlation -?0\.[0-3]", found["foreign"]["transcript"]
     )
-    assert "in metres it would be a person" in found["metres"]["units"]
+    assert "lengths are taken to be in m" in found["metres"]["units"]
     assert re.search(r"words cover \d+ % of the speech", found["half"]["transcript"])
 
 
