@@ -77,7 +77,7 @@ def test_a_graph_of_one_frame():
 
 
 def test_a_graph_on_the_command_line(work):
-    output = run(work / "graphs/clip.npz").output
+    output = run(work / "graphs/clip.npz").stdout
     for line in (
         "frames: 10 (0.3 s at 30 fps), 1 joints, 2 segments",
         "key nodes: 4: 2 onset, 2 keyword, 0 break",
@@ -87,11 +87,11 @@ def test_a_graph_on_the_command_line(work):
         "longest piece: 3 frames (0.10 s), from node 2, clip frame 2",
     ):
         assert line in output.splitlines(), output
-    assert run("clip", "--work", work).output == output
+    assert run("clip", "--work", work).stdout == output
 
 
 def test_every_piece_of_a_trace_is_one_line(work):
-    lines = run("talk", "--work", work).output.splitlines()
+    lines = run("talk", "--work", work).stdout.splitlines()
     heading = next(n for n, line in enumerate(lines) if line.lstrip().startswith("time"))
     assert len(lines) - heading - 1 == 3
     first, second, third = (line.split() for line in lines[heading + 1 :])
@@ -249,7 +249,7 @@ def test_seconds_of_a_gesture_clip_are_those_of_its_recording(database):
 def test_a_database_on_the_command_line(stored, database):
     result = run(stored / "graphs/both.npz")
     lines = result.output.splitlines()
-    assert result.exit_code == 0 and run("both", "--work", stored).output == result.output
+    assert result.exit_code == 0 and run("both", "--work", stored).stdout == result.stdout
     half = len(database.starts) // 2
     clips = [line for line in lines if line.startswith(("first@", "second@"))]
     assert [line.split()[0] for line in clips] == database.names[:half].tolist()
@@ -327,7 +327,7 @@ def test_a_database_of_one_rest():
 
 
 def test_every_piece_of_both_bodies_is_one_line(stored, database):
-    lines = run("talk", "--work", stored).output.splitlines()
+    lines = run("talk", "--work", stored).stdout.splitlines()
     trace = json.loads((stored / "reenact/talk.trace.json").read_text())
     heading = next(n for n, line in enumerate(lines) if line.lstrip().startswith("time"))
     rows = [line.split() for line in lines[heading + 1 :]]
@@ -386,7 +386,7 @@ def test_a_database_is_found_by_the_name_of_its_recording(stored):
     result = run("both", "--work", stored)
     assert result.exit_code == 1 and "nearest is both-gestures" in result.output
     found = run("both", "--work", stored, "--set", "method=gesture_master", "--set", "prosody.enabled=true")
-    assert found.exit_code == 0 and found.output == run("both-gestures", "--work", stored).output
+    assert found.exit_code == 0 and found.stdout == run("both-gestures", "--work", stored).stdout
 
 
 def test_a_library_is_read_as_what_it_is(stored, graph, references):

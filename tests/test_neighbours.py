@@ -110,13 +110,13 @@ def test_unused_files_are_named_once_with_their_count(reference, tests_folder):
 
 
 def test_sound_that_is_not_read_is_a_failed_clip(reference, tests_folder):
-    (tests_folder / "only.aac").write_bytes(b"x")
-    (tests_folder / "plain.aac").write_bytes(b"x")  # has a WAV as well
+    (tests_folder / "only.wma").write_bytes(b"x")
+    (tests_folder / "plain.wma").write_bytes(b"x")  # has a WAV as well
     result = start(reference, tests_folder)
     assert result.exit_code == 1
     (line, count) = errors(result)
-    assert line.startswith(f"error: only: {tests_folder / 'only.aac'}: AAC audio is not read; convert it to WAV")
-    assert "1 of 3 failed" in count and "1 .aac (plain.aac)" in result.output
+    assert line.startswith(f"error: only: {tests_folder / 'only.wma'}: Windows Media audio is not read; convert it to WAV")
+    assert "1 of 3 failed" in count and "1 .wma (plain.wma)" in result.output
     index = json.loads((tests_folder.parent / "work/clips/index.json").read_text())
     assert list(index["failed"]) == ["only"]
 
