@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gesturegen import clips, files, recordings
+from gesturegen import clips, files, keynodes, recordings
 from gesturegen.clips import Recording, Speech
 from gesturegen.config import Paths, References, load_config
 from gesturegen.errors import ConfigError, DataError
 from gesturegen.motion import bvh, rotation
 from gesturegen.motion.skeleton import Motion
 from gesturegen.pipeline import common
+from gesturegen.runs import runs
 from gesturegen.speech.transcript import Word
 from gesturegen.stored import arrays as stored_arrays
 from tests.builders import (
@@ -343,6 +344,21 @@ def test_silence_without_words_is_noted(prepare):
     clip, config = prepare(onsets=(), words=None)
     (note,) = clip.all_notes(config)
     assert note == "no words, and no voice is heard, so all of it without an onset is a pause"
+
+
+@pytest.mark.parametrize("words", (None, ()))
+def test_unbroken_speech_without_words_is_no_pause(prepare, tmp_path, words):
+    """Slow speech has fewer onsets than one in half a second; an empty transcript says as little as none."""
+    prepare(seconds=12.0, words=words)
+    times = np.arange(16000 * 12) / 16000
+    ringing = np.sin(2 * np.pi * 120 * times) * np.exp(-4 * (times % 0.8)) * (times < 9)
+    write_audio(tmp_path / "trn" / "main-agent" / "wav" / "a_main-agent.wav", 0.3 * ringing)
+    (recording,) = recordings.list_recordings(tmp_path / "trn")
+    config = settings_for(tmp_path)
+    clip = clips.prepare(recording, config, True)
+    (pause,) = runs(~keynodes.speaking(clip.test_speech(config), config.pauses))
+    assert pause[0] == pytest.approx(270, abs=12) and pause[1] == 360
+    assert any("no words, so the sound tells when there is speech" in note for note in clip.all_notes(config))
 
 
 def test_another_frame_rate_is_resampled_and_noted(prepare):

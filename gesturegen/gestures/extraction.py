@@ -139,9 +139,9 @@ def spoken(
     onsets = np.asarray(onset_times, dtype=np.float64)
     found, left = [], np.ones(len(onsets), dtype=bool)
     for start, end in [] if voice is None else voice.tolist():
-        inside = (onsets > start) & (onsets < end)
+        inside = (onsets >= start) & (onsets < end)
         left &= ~inside
-        found += itertools.pairwise([start, *np.unique(onsets[inside]).tolist(), end])
+        found += itertools.pairwise([*np.unique([start, *onsets[inside]]).tolist(), end])
     return sorted([*found, *((time, time) for time in onsets[left].tolist())])
 
 

@@ -34,6 +34,8 @@ _LOUDNESS = 0.1
 # Hz; voices lie within, rumble and hiss beyond.
 _BAND = (100.0, 4000.0)
 _FLOOR_DB = -100.0
+# Windows that are filtered at once.
+_PART = 4096
 # Loudness decides where the network hears less voice than both of these, of what is loud.
 _UNKNOWN_SECONDS, _UNKNOWN_SHARE = 1.0, 0.05
 # What is loud: above this share of the way from the noise floor to the loudest, and no more than so much below these.
@@ -85,7 +87,9 @@ def measure(samples: np.ndarray, rate: int) -> Voice:
     from scipy.signal import butter, sosfilt
 
     samples = np.asarray(samples, dtype=np.float32)
-    loudness = float(np.sqrt(np.mean(np.square(samples, dtype=np.float64)))) if len(samples) else 0.0
+    parts = np.split(samples, range(_PART * _WINDOW, len(samples), _PART * _WINDOW))
+    power = sum(float(np.sum(np.square(part, dtype=np.float64))) for part in parts)
+    loudness = float(np.sqrt(power / len(samples))) if len(samples) else 0.0
     n_windows = int(np.ceil(len(samples) / rate * WINDOWS_PER_SECOND))
     if loudness == 0.0:
         return Voice(np.zeros(n_windows), np.full(n_windows, _FLOOR_DB))
@@ -94,13 +98,20 @@ def measure(samples: np.ndarray, rate: int) -> Voice:
     padded = np.zeros(n_windows * _WINDOW, dtype=np.float32)
     length = min(len(padded), len(samples))
     padded[:length] = samples[:length]
-    band = sosfilt(butter(2, _BAND, "bandpass", fs=_RATE, output="sos"), padded)
-    squares = np.square(band).reshape(n_windows, _WINDOW).mean(axis=1)
-    levels = 10 * np.log10(np.maximum(squares, 10 ** (_FLOOR_DB / 10)))
-    windows = np.clip(padded * (_LOUDNESS / loudness), -1, 1).reshape(n_windows, _WINDOW)
     detector = _detector()
     detector.reset()
-    return Voice(np.array([detector.process(memoryview(window)) for window in windows]), levels)
+    band_pass = butter(2, _BAND, "bandpass", fs=_RATE, output="sos")
+    state = np.zeros((len(band_pass), 2))
+    probabilities, levels = [], []
+    # In parts: all of four hours at once would take gigabytes.
+    for start in range(0, len(padded), _PART * _WINDOW):
+        part = padded[start : start + _PART * _WINDOW]
+        band, state = sosfilt(band_pass, part, zi=state)
+        squares = np.square(band).reshape(-1, _WINDOW).mean(axis=1)
+        levels.append(10 * np.log10(np.maximum(squares, 10 ** (_FLOOR_DB / 10))))
+        windows = np.clip(part * np.float32(_LOUDNESS / loudness), -1, 1).reshape(-1, _WINDOW)
+        probabilities += [detector.process(memoryview(window)) for window in windows]
+    return Voice(np.array(probabilities), np.concatenate(levels))
 
 
 @cache

@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 
 from gesturegen import keynodes
 from gesturegen.config import Pauses, Phrases
+from gesturegen.gestures.extraction import spoken
 from gesturegen.graph.motion_graph import phrase_nodes
+from gesturegen.runs import runs
 from gesturegen.speech.pauses import phrase_ends, speaking_frames
 from gesturegen.speech.transcript import Word
 from tests import naive, tiny
@@ -128,3 +130,31 @@ def test_the_ends_of_phrases_of_a_reference_are_nodes_that_may_be_used():
     words = [("so", 0, 3), ("cut", 8, 12), ("on", 20, 25), ("end", 33, 36)]
     reference = tiny.reference(tiny.motion(np.random.default_rng(0), len(kept)), (), words, (0, 5), kept)
     assert phrase_nodes(reference, Phrases(min_gap_seconds=0.1)).tolist() == [3, 15, 26]
+
+
+# --- what is heard in place of words, and beside them -------------------------------------------------------
+
+HEARD = np.array([(0.5, 1.0), (1.1, 2.0), (4.0, 4.02)])
+
+
+def test_a_voice_is_no_pause():
+    found = speaking_frames([], np.zeros(0, dtype=int), 150, 30.0, 0.5, HEARD)
+    assert runs(~found).tolist() == [[60, 120], [121, 150]]  # half a second before the first is no longer than that
+    word = [Word("a", 2.0, 2.5)]
+    assert runs(~speaking_frames(word, np.zeros(0, dtype=int), 150, 30.0, 0.5, HEARD)).tolist() == [
+        [75, 120],
+        [121, 150],
+    ]
+
+
+def test_phrases_of_a_voice_end_where_it_stops_unless_there_are_words():
+    settings = Phrases(min_gap_seconds=0.2)
+    np.testing.assert_allclose(phrase_ends([], settings, HEARD), [2.0, 4.02])
+    np.testing.assert_allclose(phrase_ends([Word("a", 0.0, 3.0)], settings, HEARD), [3.0])
+
+
+def test_words_of_a_voice_begin_at_its_onsets():
+    heard = spoken([], np.array([0.7, 1.1, 3.0]), HEARD)
+    assert heard == [(0.5, 0.7), (0.7, 1.0), (1.1, 2.0), (3.0, 3.0), (4.0, 4.02)]
+    assert spoken([Word("a", 0.0, 3.0)], np.array([0.7]), HEARD) == [(0.0, 3.0)]
+    assert spoken([], np.array([0.7])) == [(0.7, 0.7)]
