@@ -10,11 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from gesturegen.compiled import njit
+from gesturegen.graph._kernels import distance
 
 BLOCK, MOST_TARGETS, MOST_TRIED, MOST_BETWEEN, SIDE_BY_SIDE = 16, 32, 64, 3, 8
 # What is added to a float32 for its rounding, and how minima, which have no order, may be found many at a time; there
 # are no numbers that are none.
 ROUNDING, REORDERED_MINIMA = 1.2e-7, {"nnan", "nsz"}
+CAP_MARGIN = 1e-5
 NATURAL, HOLD = -1, -2  # how a path goes on; a number from 0 on is the node that it joins to
 
 
@@ -31,6 +33,7 @@ class Joins(NamedTuple):
     rows : float32 [shape=(G, B)], the least of each `BLOCK` columns of it without what is barred; blocks :
         [shape=(B, B)], of as many rows, too; halls : [shape=(B, H)], of as many blocks of columns
     detours : [shape=(G,)], what a join from the pose that follows the gate `shift` before to each gate would cost
+    nearest : float32 [shape=(G,)], the least of what joins from each gate cost, rounded down
     slack : what rounding may add to four costs of `matrix`
     poses, velocities : float64 [shape=(N, D)]; by_pose, by_velocity : their weights in a join cost
     """
@@ -49,6 +52,7 @@ class Joins(NamedTuple):
     blocks: np.ndarray
     halls: np.ndarray
     detours: np.ndarray
+    nearest: np.ndarray
     slack: float
     poses: np.ndarray
     velocities: np.ndarray
@@ -143,12 +147,14 @@ def _frame_costs(frame, prices, costs, earned):
 
 
 @njit(cache=True, nogil=True)
-def solve(first_frame, last_frame, after, min_stay, prices, joins, work, actions):
+def solve(first_frame, last_frame, after, min_stay, prices, joins, work, actions, caps):
     """Fill `actions` for the frames [first_frame, last_frame): how a path that may do as it likes goes on from each node.
 
     after : the node that is shown in `last_frame`, or -1 for the end of the speech
     min_stay : how many frames a stay plays on before it may do as it likes
     actions : int32 [shape=(>= frames, N)]
+    caps : float32 [shape=(frames, G)], the most that a join and what remains after it may cost for a path to be of
+        interest, beside the join's price; [shape=(0, G)] where all are
 
     `work.entered` then holds the costs of stays that begin in the first frame.
     """
@@ -167,7 +173,7 @@ def solve(first_frame, last_frame, after, min_stay, prices, joins, work, actions
         else:
             chosen = actions[frame - first_frame]
             _go_on(rest, free, prices.holding[prices.states[frame + 1]], earned, joins, chosen)
-            _join(rest, prices.join, joins, chosen, work)
+            _join(rest, prices.join, joins, chosen, work, caps[frame - first_frame : frame - first_frame + 1])
         _frame_costs(frame, prices, costs, earned)
         for node in range(n_nodes):
             free[node] = costs[node] + rest[node]
@@ -256,7 +262,7 @@ def _go_on(rest, free, holding, earned, joins, chosen):
 
 
 @njit(cache=True, nogil=True)
-def _join(rest, price, joins, chosen, work):
+def _join(rest, price, joins, chosen, work, caps):
     """The cheapest join of every gate, where that is cheaper than how it goes on otherwise.
 
     Joins to the targets of the frame ahead are tried first, since what is worth joining to there has a forerunner that
@@ -275,6 +281,9 @@ def _join(rest, price, joins, chosen, work):
         for gate in range(n_gates):
             room[gate] = rest[gates[gate]] - price
             costs[gate] = entered[gates[gate]]
+    for row in range(len(caps)):
+        for gate in range(n_gates):
+            room[gate] = min(room[gate], caps[row, gate])
     to[:] = -1
     _bound_blocks(costs, room, work.least, work.most)
     n_tried = 0
@@ -459,20 +468,23 @@ def add_distances(found, products, to_squares, from_squares, weight):
 
 
 @njit(cache=True, nogil=True, fastmath=REORDERED_MINIMA)
-def bound(matrix, barred, rows, blocks, halls):
-    """Fill the least costs of joins to each gate and to the gates of each block, from blocks and halls."""
+def bound(matrix, barred, rows, blocks, halls, nearest):
+    """Lower to the least costs of joins: to each gate and to each block, from blocks and halls, and from each gate."""
     for target in range(len(matrix)):
         for block in range(rows.shape[1]):
             costs = matrix[target, block * BLOCK : (block + 1) * BLOCK]
             begin, end = barred[target, 0] - block * BLOCK, barred[target, 1] - block * BLOCK
             least = np.float32(np.inf)
             if end <= 0 or begin >= BLOCK:
+                least_of = nearest[block * BLOCK : (block + 1) * BLOCK]
                 for k in range(BLOCK):
                     least = min(least, costs[k])
+                    least_of[k] = min(least_of[k], costs[k])
             else:
                 for k in range(BLOCK):
                     if not begin <= k < end:
                         least = min(least, costs[k])
+                        nearest[block * BLOCK + k] = min(nearest[block * BLOCK + k], costs[k])
             rows[target, block] = least
             other = target // BLOCK
             blocks[other, block] = min(blocks[other, block], least)
@@ -500,6 +512,112 @@ def _join_costs(other, joins, found):
                 turned[place] += turn * turn
         for place in range(len(nodes)):
             found[first + place] = joins.by_pose * np.sqrt(apart[place]) + joins.by_velocity * np.sqrt(turned[place])
+
+
+@njit(cache=True, nogil=True)
+def cap(nodes, first_frame, last_frame, before, after, min_stay, prices, joins, caps):
+    """Fill the caps of `solve` for a window: what joins may cost on a path that is no dearer than the present one.
+
+    What a path has paid at least that comes to a gate and may join from there is found forwards, as if any join cost its
+    price and what the nearest target of its gate costs.
+
+    nodes : [shape=(T,)], of the present path; the window are the frames [first_frame, last_frame), the first one with
+        `before` included
+    """
+    n_nodes, depth = len(joins.successors), min_stay + 1
+    costs, earned, paid, new = np.empty(n_nodes), np.zeros(n_nodes), np.full(n_nodes, np.inf), np.empty(n_nodes)
+    # Of the last `depth` frames: the costs along natural forerunners, and what stays that begin have paid before.
+    sums, begun = np.zeros((depth, n_nodes)), np.full(depth, np.inf)
+    present, scale = 0.0, 0.0
+    for frame in range(first_frame, last_frame):
+        if frame == first_frame and before >= 0:
+            paid[before] = 0.0
+        else:
+            _frame_costs(frame, prices, costs, earned)
+            present += costs[nodes[frame]]
+            scale += _largest(costs)
+            holding = prices.holding[prices.states[frame]]
+            if frame == first_frame:
+                begun[frame % depth] = 0.0
+            else:
+                present += _step(nodes[frame - 1], nodes[frame], holding, earned, prices.join, joins)
+                begun[frame % depth] = _nearest(paid, joins.gates, joins.nearest) + prices.join
+            _pay(frame, paid, new, costs, holding, earned, begun, sums, joins)
+            paid, new = new, paid
+        row = caps[frame - first_frame]
+        for gate in range(len(row)):
+            row[gate] = -paid[joins.gates[gate]] - prices.join
+    if after >= 0:
+        _frame_costs(last_frame, prices, costs, earned)
+        holding = prices.holding[prices.states[last_frame]]
+        present += _step(nodes[last_frame - 1], after, holding, earned, prices.join, joins)
+    # Costs are float32 where joins are looked for; nothing may be lost by rounding.
+    limit = present + CAP_MARGIN * (scale + abs(present) + prices.join)
+    for row in range(len(caps)):
+        for gate in range(caps.shape[1]):
+            caps[row, gate] = limit + caps[row, gate]
+
+
+@njit(cache=True, nogil=True)
+def _pay(frame, paid, new, costs, holding, earned, begun, sums, joins):
+    """What a path has paid at least, up to a frame, that comes to each node and may do as it likes there."""
+    depth = len(begun)
+    min_stay = depth - 1
+    here, back, old = sums[frame % depth], sums[(frame - 1) % depth], sums[(frame - min_stay) % depth]
+    joined = begun[(frame - min_stay + 1) % depth]
+    for segment in range(len(joins.starts)):
+        first, end = joins.starts[segment], joins.ends[segment] + 1
+        here[first], new[first] = costs[first], costs[first] + (paid[first] + (holding[first] + earned[first]))
+        price, holds, misses = costs[first + 1 : end], holding[first + 1 : end], earned[first + 1 : end]
+        out, total = new[first + 1 : end], here[first + 1 : end]
+        held, gone, before = paid[first + 1 : end], paid[first : end - 1], back[first : end - 1]
+        for k in range(len(out)):
+            total[k] = before[k] + price[k]
+            least = held[k] + (holds[k] + misses[k])
+            out[k] = price[k] + (gone[k] if gone[k] < least else least)
+        # Stays that have lasted long enough just now, the first of them from the beginning of the segment on.
+        youngest = first + min_stay - 1
+        if youngest < end:
+            new[youngest] = min(new[youngest], joined + here[youngest])
+        out, total, before = new[youngest + 1 : end], here[youngest + 1 : end], old[first : end - min_stay]
+        for k in range(len(out)):
+            least = joined + (total[k] - before[k])
+            out[k] = least if least < out[k] else out[k]
+        # What is shorter may join from the segment's end.
+        for age in range(1, min(min_stay, end - first + 1)):
+            before_stay = sums[(frame - age) % depth, end - 1 - age] if age < end - first else 0.0
+            new[end - 1] = min(new[end - 1], begun[(frame - age + 1) % depth] + (here[end - 1] - before_stay))
+
+
+@njit(cache=True, nogil=True)
+def _nearest(paid, gates, nearest):
+    """What a path has paid at least that has just joined, without the price of that."""
+    least = np.inf
+    for gate in range(len(gates)):
+        least = min(least, paid[gates[gate]] + nearest[gate])
+    return least
+
+
+@njit(cache=True, nogil=True)
+def _step(node, other, holding, earned, price, joins):
+    """What the step from one node to another costs beside showing it."""
+    if joins.left[node] > 1 and other == node + 1:
+        return 0.0
+    if other == node:
+        return holding[node] + earned[node]
+    ahead = joins.successors[node]
+    return price + distance(
+        joins.poses[ahead], joins.poses[other], joins.velocities[ahead], joins.velocities[other],
+        joins.by_pose, joins.by_velocity,
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, fastmath=REORDERED_MINIMA)
+def _largest(values):
+    largest = 0.0
+    for k in range(len(values)):
+        largest = max(largest, abs(values[k]))
+    return largest
 
 
 @njit(cache=True, nogil=True)

@@ -134,18 +134,22 @@ class Problem:
 
     def solve(
         self, first: int = 0, last: int | None = None, before: int = -1, after: int = -1,
-        marks: np.ndarray | None = None,
+        marks: np.ndarray | None = None, present: np.ndarray | None = None,
     ) -> np.ndarray:  # fmt: skip
         """The cheapest nodes `[shape=(last - first,)]` for the frames [first, last).
 
         before, after : the nodes that are shown before and after them, the first at the end of a stay that is long
             enough; -1 for none
         marks : frames and ranges of nodes that cost `lambda_repeat` more (`_global_kernels.Prices`)
+        present : the whole path as it is; what must cost more than it in the window is not looked for
         """
         last = self.n_frames if last is None else last
         begin = first - (before >= 0)  # the frame before chooses how the path goes on
         prices = self._kernel_prices(np.zeros((0, 3), dtype=np.int64) if marks is None else marks)
-        kernels.solve(begin, last, after, self.min_stay, prices, self.joins, self.work, self.actions)
+        caps = np.empty((0 if present is None else last - begin, len(self.joins.gates)), dtype=np.float32)
+        if present is not None:
+            kernels.cap(present, begin, last, before, after, self.min_stay, prices, self.joins, caps)
+        kernels.solve(begin, last, after, self.min_stay, prices, self.joins, self.work, self.actions, caps)
         node, age = (before, self.min_stay) if before >= 0 else (int(self.work.entered.argmin()), 1)
         nodes = kernels.follow(node, age, begin, last, self.min_stay, self.joins, self.actions)
         return nodes[first - begin :]
@@ -166,7 +170,7 @@ class Problem:
                 continue
             part = self.solve(
                 first, last, int(nodes[first - 1]) if first else -1,
-                int(nodes[last]) if last < self.n_frames else -1, self._marks(nodes, first, last),
+                int(nodes[last]) if last < self.n_frames else -1, self._marks(nodes, first, last), nodes,
             )  # fmt: skip
             if np.array_equal(part, nodes[first:last]):
                 continue
@@ -218,11 +222,13 @@ def joins_of(graph: MotionGraph, lambda_join: float, stutter: int, metric: Conti
         np.full(shape, np.inf, dtype=np.float32)
         for shape in ((len(gates), n_blocks), (n_blocks, n_blocks), (n_blocks, -(-n_blocks // kernels.BLOCK)))
     )
-    kernels.bound(matrix, barred, rows, blocks, halls)
+    nearest = np.full(matrix.shape[1], np.inf, dtype=np.float32)
+    kernels.bound(matrix, barred, rows, blocks, halls, nearest)
+    nearest = np.maximum(nearest[: len(gates)] - np.float32(slack), 0)
     return kernels.Joins(
         successors=graph.successors, left=ends[np.searchsorted(ends, nodes)] - nodes + 1,
         starts=np.asarray(graph.segment_starts), ends=ends, segments=segments, stutter=stutter, gates=gates,
-        shift=shift, barred=barred, matrix=matrix, rows=rows, blocks=blocks, halls=halls, detours=detours, slack=slack,
+        shift=shift, barred=barred, matrix=matrix, rows=rows, blocks=blocks, halls=halls, detours=detours, nearest=nearest, slack=slack,
         poses=graph.poses, velocities=graph.velocities, by_pose=lambda_join * metric.lambda_pos,
         by_velocity=lambda_join * metric.lambda_vel,
     )  # fmt: skip
