@@ -3,11 +3,12 @@
     python scripts/bench.py [--seconds 63 170 427] [--fast-only] [--long 60] [--gestures 190]
 
 Makes a demo reference of each length and a demo test speech in `bench/`, then runs every stage in a process of its
-own. Ratios are those of CPU time, which other work on the machine disturbs less. A stage is timed when its loops are compiled; a global search also when the graph's tables are prepared, which
-every further test clip finds done and which is the stage `global tables`. A global search is also given in CPU time for
-each pair of a frame of the speech and one of the reference; three prices of joins are timed, without and with the
-sweeps against repetition, and beside the naive program where that ends soon: on a few seconds. The naive graph of the 427 s reference
-takes minutes. `build clips` and `clips to BVH` of GestureMaster are whole commands, which also load their loops.
+own. Ratios are those of CPU time, which other work on the machine disturbs less. A stage is timed when its loops are
+compiled; a global search also when the graph's tables are prepared, which every further test clip finds done and which
+is the stage `global tables`. A global search is also given in CPU time for each pair of a frame of the speech and one of
+the reference; three prices of joins are timed, without and with the sweeps against repetition, and beside the naive
+program where that ends soon: on a few seconds. The naive graph of the 427 s reference takes minutes. `build clips` and
+`clips to BVH` of GestureMaster are whole commands, which also load their loops.
 
 `--long MINUTES` puts one graph of so many demo clips of 60 s in place of the references, with a test speech of 77 s.
 `--gestures MINUTES` does the same with one database of gesture clips, which GestureMaster searches. Their recordings

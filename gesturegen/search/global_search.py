@@ -154,6 +154,13 @@ class Problem:
         nodes = kernels.follow(node, age, begin, last, self.min_stay, self.joins, self.actions)
         return nodes[first - begin :]
 
+    def solve_again(self, nodes: np.ndarray, first: int, last: int) -> np.ndarray:
+        """The cheapest nodes for a window of a path, with a price on what the rest of it shows."""
+        return self.solve(
+            first, last, int(nodes[first - 1]) if first else -1, int(nodes[last]) if last < self.n_frames else -1,
+            self._marks(nodes, first, last), nodes,
+        )  # fmt: skip
+
     def sweep(self, nodes: np.ndarray, stays: int) -> np.ndarray:
         """Solve windows of so many stays again, one after the other, with a price on what the rest of the path shows.
 
@@ -168,10 +175,7 @@ class Problem:
             again = objective.repeated(nodes, self.prices.graph, self.settings.repeat_seconds)
             if last - first == self.n_frames or not again[first:last].any():
                 continue
-            part = self.solve(
-                first, last, int(nodes[first - 1]) if first else -1,
-                int(nodes[last]) if last < self.n_frames else -1, self._marks(nodes, first, last), nodes,
-            )  # fmt: skip
+            part = self.solve_again(nodes, first, last)
             if np.array_equal(part, nodes[first:last]):
                 continue
             other = np.concatenate([nodes[:first], part, nodes[last:]])
