@@ -99,7 +99,11 @@ def _compile_beam() -> None:
 
 
 def _compile_global() -> None:
-    global_search.search(_small_graph(), Speech("noise", np.array([0.5]), (), 40, 30.0), load_config())
+    graph, speech, config = _small_graph(), Speech("noise", np.array([0.5]), (), 40, 30.0), load_config()
+    global_search.search(graph, speech, config)
+    # So short a path shows nothing again, for which windows of it would be solved again.
+    problem = global_search.Problem(global_search.price_list(graph, speech, config), speech.n_frames)
+    problem.solve_again(problem.solve(), 10, 20)
 
 
 def _compile_gestures() -> None:

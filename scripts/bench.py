@@ -3,9 +3,12 @@
     python scripts/bench.py [--seconds 63 170 427] [--fast-only] [--long 60] [--gestures 190]
 
 Makes a demo reference of each length and a demo test speech in `bench/`, then runs every stage in a process of its
-own. A stage is timed when its loops are compiled; a global search also when the graph's tables are prepared, which
-every further test clip finds done and which is the stage `global tables`. The naive graph of the 427 s reference
-takes minutes. `build clips` and `clips to BVH` of GestureMaster are whole commands, which also load their loops.
+own. Ratios are those of CPU time, which other work on the machine disturbs less. A stage is timed when its loops are
+compiled; a global search also when the graph's tables are prepared, which every further test clip finds done and which
+is the stage `global tables`. A global search is also given in CPU time for each pair of a frame of the speech and one of
+the reference; three prices of joins are timed, without and with the sweeps against repetition, and beside the naive
+program where that ends soon: on a few seconds. The naive graph of the 427 s reference takes minutes. `build clips` and
+`clips to BVH` of GestureMaster are whole commands, which also load their loops.
 
 `--long MINUTES` puts one graph of so many demo clips of 60 s in place of the references, with a test speech of 77 s.
 `--gestures MINUTES` does the same with one database of gesture clips, which GestureMaster searches. Their recordings
@@ -51,9 +54,13 @@ STAGES = {
     "global tables": "what the first global search of a graph prepares, with 2 s of speech",
     "global search": "the best path for the whole speech by configs/best.yaml, repetition aside",
     "global + sweeps": "the same and the sweeps against repetition",
-    "global, joins/10": "the same with joins ten times cheaper",
-    "global, joins*10": "the same with joins ten times dearer",
-    "global, small": "3 s of the reference, 4 s of the speech, repetition aside",
+    "global joins/10": "joins ten times cheaper, repetition aside",
+    "global joins/10 + sweeps": "the same and the sweeps",
+    "global joins*10": "joins ten times dearer, repetition aside",
+    "global joins*10 + sweeps": "the same and the sweeps",
+    "global small": "10 s of the reference, 8 s of the speech, repetition aside",
+    "global small joins/10": "the same with joins ten times cheaper",
+    "global small joins*10": "the same with joins ten times dearer",
     "read reference": "BVH, WAV and TSV to a clip",
     "read test": "WAV and TSV to a speech",
     "render": "resampling, blending, root",
@@ -71,24 +78,26 @@ CLIP_STAGES = {
     "clips to path": "the same from the stored database, mapped into memory, and the speech",
     "clips to BVH": "the same by `reenact`, from hashes of all files to BVH and trace",
 }
-NAIVE = (BUILD, "beam search", "global, small", "clip edges", "clip search")
-LONG = (
-    BUILD, "beam search", "global tables", "global search", "global + sweeps", "global, joins/10", "global, joins*10"
-)  # fmt: skip
-JOIN_FACTORS = {"global, joins/10": 0.1, "global, joins*10": 10.0}
+SMALL = tuple(stage for stage in STAGES if stage.startswith("global small"))
+# Searches of the whole reference, whose naive program would take a day.
+SEARCHES = ("global search", "global + sweeps", *(stage for stage in STAGES if stage.startswith("global joins")))
+NAIVE = (BUILD, "beam search", *SMALL, "clip edges", "clip search")
+LONG = (BUILD, "beam search", "global tables", *SEARCHES)
+JOIN_FACTORS = {"joins/10": 0.1, "joins*10": 10.0}
 LONG_CLIPS = (BUILD_CLIPS, "clip search", "clips to path", "clips to BVH")
-SHORT_REFERENCE, SHORT_SPEECH = 90, 120  # frames, which the naive global search can bear
+SHORT_REFERENCE, SHORT_SPEECH = 300, 240  # frames, which the naive global search can bear
 WARM_UP = 60  # frames
 WARM_UP_CLIPS = 600  # frames, which hold more than one gesture clip
 
 
 def settings(folder: Path, stage: str = "") -> Config:
     base = configs_folder() / "best.yaml" if stage.startswith(("best", "global")) else None
-    changes = ["global_search.sweeps=0"] if stage in ("global search", "global, small") else []
+    changes = ["global_search.sweeps=0"] if stage in SMALL + SEARCHES and "+ sweeps" not in stage else []
     found = load_config(base, changes, folders={"paths.data": str(folder)})
-    if stage not in JOIN_FACTORS:
+    factor = next((factor for name, factor in JOIN_FACTORS.items() if name in stage), None)
+    if factor is None:
         return found
-    factor, own = JOIN_FACTORS[stage], found.global_search
+    own = found.global_search
     prices = {"join_price": factor * own.join_price, "lambda_join": factor * own.lambda_join}
     return found.model_copy(update={"global_search": own.model_copy(update=prices)})
 
@@ -153,13 +162,13 @@ def prepare(folder: Path, stage: str, slow: bool) -> tuple[Callable, Callable]:
         return None, lambda: naive_beam(graph, said, config)
     if stage == "global tables":
         return (lambda: search(replace(graph), beginning, config),) * 2
-    if stage == "global, small":
+    if stage in SMALL:
         said = replace(said, n_frames=SHORT_SPEECH)
         graph = motion_graph.build([short(references(folder)[0], SHORT_REFERENCE)], config)
         if slow:
             prices = global_search.price_list(graph, said, config)
             return None, lambda: naive.Objective(prices).cheapest()
-    if stage in LONG or stage == "global, small":
+    if stage in LONG + SMALL:
         return lambda: search(graph, beginning, config), lambda: search(graph, said, config)
     recorded = references(folder)
     if stage == "render":
@@ -253,9 +262,12 @@ def measure(folder: Path, stage: str, slow: bool) -> dict:
     warm_up, run = (prepare_clips if stage in CLIP_STAGES else prepare)(folder, stage, slow)
     if warm_up is not None:
         warm_up()
-    start = time.perf_counter()
+    start, started = time.perf_counter(), time.process_time()
     result = run()
-    figures = {"seconds": time.perf_counter() - start, "megabytes": peak_megabytes()}
+    figures = {"seconds": time.perf_counter() - start, "cpu": time.process_time() - started}
+    figures["megabytes"] = peak_megabytes()
+    if stage in SEARCHES:
+        figures["pairs"] = motion_graph.load(graph_path(folder)).n_nodes * speech(folder).n_frames
     if isinstance(result, Summary):
         require_success(result)
     if stage == BUILD and not slow:
@@ -329,16 +341,19 @@ def show(title: str, folder: Path, stages: Sequence[str], fast_only: bool) -> No
         fast = in_a_process(folder, stage)
         if stage == stages[0]:
             click.echo(f"\n{title}: {describe(folder, stage)}")
-            click.echo(f"{'stage, compiled':16}{'ours s':>10}{'naive s':>10}{'ratio':>8}{'ours MB':>10}"
+            click.echo(f"{'stage, compiled':26}{'ours s':>10}{'CPU s':>10}{'naive s':>10}{'ratio':>8}{'ours MB':>10}"
                        f"{'naive MB':>10}   what it is; searches with the graph's tables prepared")  # fmt: skip
-        line = f"{stage:16}{fast['seconds']:10.3f}"
+        line = f"{stage:26}{fast['seconds']:10.3f}{fast['cpu']:10.3f}"
         if stage in NAIVE and not fast_only:
             slow = in_a_process(folder, stage, slow=True)
-            line += f"{slow['seconds']:10.2f}{slow['seconds'] / fast['seconds']:8.0f}"
+            line += f"{slow['seconds']:10.2f}{slow['cpu'] / fast['cpu']:8.0f}"
             line += f"{fast['megabytes']:10.0f}{slow['megabytes']:10.0f}"
         else:
             line += f"{'-':>10}{'-':>8}{fast['megabytes']:10.0f}{'-':>10}"
-        click.echo(f"{line}   {(STAGES | CLIP_STAGES)[stage]}")
+        line += f"   {(STAGES | CLIP_STAGES)[stage]}"
+        if "pairs" in fast:
+            line += f"; {1e9 * fast['cpu'] / fast['pairs']:.1f} ns for each frame of both"
+        click.echo(line)
 
 
 @click.command()

@@ -16,10 +16,11 @@ _PROCESS, _PER_FRAME = 350e6, 10_000
 # A gesture database stays on disk but for what is looked at; building one takes this much of a reference frame, its
 # mirrored copy included.
 _GESTURES_PER_FRAME = 2_500
-# The tables of the global search: of each frame of the speech and node how the path goes on from there; of each frame
-# of the shortest stay two rows, of what is earned and priced some forty more, each a number a node; and join costs of
-# all pairs of nodes, up to a limit, while they are made some more.
-_PER_FRAME_AND_NODE, _ROWS, _PER_ROW_AND_NODE = 4, 40, 8
+# The tables of the global search: of each frame of the speech and node how the path goes on from there, and what a join
+# from there may cost where joins lead from; of each frame of the shortest stay three rows, of what is earned and priced
+# some forty more, each a number a node; and join costs of all pairs of nodes, up to a limit, while they are made some
+# more.
+_PER_FRAME_AND_NODE, _MOST_GATES, _ROWS, _PER_ROW_AND_NODE = 4, 8192, 40, 8
 _JOINS_PER_PAIR, _MOST_JOINS = 8.0, 350e6
 
 
@@ -32,8 +33,9 @@ def estimate(reference_frames: int, test_frames: int, config: Config, kept_frame
         return _PROCESS + _GESTURES_PER_FRAME * reference_frames
     need = _PROCESS + _PER_FRAME * (reference_frames + kept_frames)
     if config.search == "global":
-        rows = _ROWS + 2 * (config.global_search.min_stay_seconds * config.fps + 1)
+        rows = _ROWS + 3 * (config.global_search.min_stay_seconds * config.fps + 1)
         need += (_PER_FRAME_AND_NODE * test_frames + _PER_ROW_AND_NODE * rows) * reference_frames
+        need += _PER_FRAME_AND_NODE * test_frames * min(reference_frames, _MOST_GATES)
         need += min(_JOINS_PER_PAIR * reference_frames**2, _MOST_JOINS)
     return need
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from gesturegen.clips import Speech
 from gesturegen.config import Config, Continuity
+from gesturegen.graph._kernels import distances
 from gesturegen.graph.motion_graph import MotionGraph
 from gesturegen.keynodes import BREAK
 from gesturegen.keynodes import speaking as speaking_of
@@ -121,7 +122,7 @@ class Problem:
         self.gains = np.array([gain for gain, _ in gains.values()]).reshape(-1, n_frames)
         self.worths = np.array([worth for _, worth in gains.values()]).reshape(-1, graph.n_nodes)
         self.actions = np.empty((n_frames, graph.n_nodes), dtype=np.int32)
-        self.entered = np.empty(graph.n_nodes)
+        self.work = kernels.work_for(self.joins, self.min_stay)
 
     def _kernel_prices(self, marks: np.ndarray) -> kernels.Prices:
         return kernels.Prices(
@@ -133,21 +134,32 @@ class Problem:
 
     def solve(
         self, first: int = 0, last: int | None = None, before: int = -1, after: int = -1,
-        marks: np.ndarray | None = None,
+        marks: np.ndarray | None = None, present: np.ndarray | None = None,
     ) -> np.ndarray:  # fmt: skip
         """The cheapest nodes `[shape=(last - first,)]` for the frames [first, last).
 
         before, after : the nodes that are shown before and after them, the first at the end of a stay that is long
             enough; -1 for none
         marks : frames and ranges of nodes that cost `lambda_repeat` more (`_global_kernels.Prices`)
+        present : the whole path as it is; what must cost more than it in the window is not looked for
         """
         last = self.n_frames if last is None else last
         begin = first - (before >= 0)  # the frame before chooses how the path goes on
         prices = self._kernel_prices(np.zeros((0, 3), dtype=np.int64) if marks is None else marks)
-        kernels.solve(begin, last, after, self.min_stay, prices, self.joins, self.actions, self.entered)
-        node, age = (before, self.min_stay) if before >= 0 else (int(self.entered.argmin()), 1)
+        caps = np.empty((0 if present is None else last - begin, len(self.joins.gates)), dtype=np.float32)
+        if present is not None:
+            kernels.cap(present, begin, last, before, after, self.min_stay, prices, self.joins, caps)
+        kernels.solve(begin, last, after, self.min_stay, prices, self.joins, self.work, self.actions, caps)
+        node, age = (before, self.min_stay) if before >= 0 else (int(self.work.entered.argmin()), 1)
         nodes = kernels.follow(node, age, begin, last, self.min_stay, self.joins, self.actions)
         return nodes[first - begin :]
+
+    def solve_again(self, nodes: np.ndarray, first: int, last: int) -> np.ndarray:
+        """The cheapest nodes for a window of a path, with a price on what the rest of it shows."""
+        return self.solve(
+            first, last, int(nodes[first - 1]) if first else -1, int(nodes[last]) if last < self.n_frames else -1,
+            self._marks(nodes, first, last), nodes,
+        )  # fmt: skip
 
     def sweep(self, nodes: np.ndarray, stays: int) -> np.ndarray:
         """Solve windows of so many stays again, one after the other, with a price on what the rest of the path shows.
@@ -163,10 +175,9 @@ class Problem:
             again = objective.repeated(nodes, self.prices.graph, self.settings.repeat_seconds)
             if last - first == self.n_frames or not again[first:last].any():
                 continue
-            part = self.solve(
-                first, last, int(nodes[first - 1]) if first else -1,
-                int(nodes[last]) if last < self.n_frames else -1, self._marks(nodes, first, last),
-            )  # fmt: skip
+            part = self.solve_again(nodes, first, last)
+            if np.array_equal(part, nodes[first:last]):
+                continue
             other = np.concatenate([nodes[:first], part, nodes[last:]])
             cost = objective.total(other, self.prices)["total"]
             if cost < best and self._long_enough(other):
@@ -184,17 +195,8 @@ class Problem:
     def _marks(self, nodes: np.ndarray, first: int, last: int) -> np.ndarray:
         """The ranges of nodes that the path outside [first, last) shows a short while before or after each frame."""
         reach = int(np.ceil(self.settings.repeat_seconds * self.prices.graph.fps - 1e-9)) - 1
-        n_nodes = self.prices.graph.n_nodes
-        rows = []
-        for start, end in pairwise(objective.stay_bounds(nodes, self.prices.graph).tolist()):
-            if start < last and end > first:
-                continue  # in the window
-            for frame in range(max(first, start - reach), min(last, end + reach)):
-                shown = nodes[max(start, frame - reach) : min(end, frame + reach + 1)]
-                if len(shown):
-                    low, high = max(shown[0] - NEAR_NODES, 0), min(shown[-1] + NEAR_NODES + 1, n_nodes)
-                    rows.append((frame, low, high))
-        return np.array(sorted(rows), dtype=np.int64).reshape(-1, 3)
+        bounds = objective.stay_bounds(nodes, self.prices.graph)
+        return kernels.marks(nodes, bounds, first, last, reach, NEAR_NODES, self.prices.graph.n_nodes)
 
 
 @lru_cache(maxsize=1)
@@ -207,34 +209,57 @@ def joins_of(graph: MotionGraph, lambda_join: float, stutter: int, metric: Conti
     step = -(-graph.n_nodes // MOST_GATES)
     gates = np.union1d(nodes[::step], ends)  # where a segment ends a path must be able to leave it
     segments = np.searchsorted(graph.segment_starts, nodes, side="right")
-    matrix = _matrix(graph, gates, lambda_join, metric)
-    for row, gate in enumerate(gates):
-        near = slice(*np.searchsorted(gates, (gate - 1 - stutter, gate + stutter)))
-        matrix[row, near][segments[gates[near]] == segments[gate]] = np.inf
-    matrix[graph.successors[gates] == gates[:, None]] = np.inf
-    np.fill_diagonal(matrix, np.inf)
-    firsts = np.arange(0, len(gates), kernels.BLOCK)
-    rows = np.minimum.reduceat(matrix, firsts, axis=1)
+    # Joins within a segment that would jump no further than a stutter; the natural step and a hold are none at all.
+    low, high = gates - 1 - stutter, gates - 1 + max(stutter, 1)
+    first, last = graph.segment_starts[segments - 1][gates], ends[segments - 1][gates]
+    barred = np.column_stack([
+        np.searchsorted(gates, np.maximum(low, first)), np.searchsorted(gates, np.minimum(high, last), side="right")
+    ])  # fmt: skip
+    shift = int(step == 1)
+    matrix, slack = _matrix(graph, gates, lambda_join, metric)
+    before = graph.successors[gates[np.arange(len(gates)) - shift]]
+    detours = lambda_join * distances(
+        before, gates, graph.poses, graph.velocities, metric.lambda_pos, metric.lambda_vel
+    )
+    n_blocks = matrix.shape[1] // kernels.BLOCK
+    rows, blocks, halls = (
+        np.full(shape, np.inf, dtype=np.float32)
+        for shape in ((len(gates), n_blocks), (n_blocks, n_blocks), (n_blocks, -(-n_blocks // kernels.BLOCK)))
+    )
+    nearest = np.full(matrix.shape[1], np.inf, dtype=np.float32)
+    kernels.bound(matrix, barred, rows, blocks, halls, nearest)
+    nearest = np.maximum(nearest[: len(gates)] - np.float32(slack), 0)
     return kernels.Joins(
-        successors=graph.successors, left=ends[np.searchsorted(ends, nodes)] - nodes + 1, segments=segments,
-        stutter=stutter, gates=gates, shift=int(step == 1), matrix=matrix, rows=rows, blocks=np.minimum.reduceat(rows, firsts, axis=0),
+        successors=graph.successors, left=ends[np.searchsorted(ends, nodes)] - nodes + 1,
+        starts=np.asarray(graph.segment_starts), ends=ends, segments=segments, stutter=stutter, gates=gates,
+        shift=shift, barred=barred, matrix=matrix, rows=rows, blocks=blocks, halls=halls, detours=detours, nearest=nearest, slack=slack,
         poses=graph.poses, velocities=graph.velocities, by_pose=lambda_join * metric.lambda_pos,
         by_velocity=lambda_join * metric.lambda_vel,
     )  # fmt: skip
 
 
-def _matrix(graph: MotionGraph, gates: np.ndarray, lambda_join: float, metric: Continuity) -> np.ndarray:
-    """The costs of joins to each gate from each other one, float32 `[shape=(G, G)]`."""
-    found = np.zeros((len(gates), len(gates)), dtype=np.float32)
+def _matrix(
+    graph: MotionGraph, gates: np.ndarray, lambda_join: float, metric: Continuity
+) -> tuple[np.ndarray, float]:  # fmt: skip
+    """The costs of joins to each gate from each other one, float32 `[shape=(G, B * BLOCK)]`, and four times their error."""
+    # Whole blocks of columns, so that the loops over a block are of one length.
+    width = -(-len(gates) // kernels.BLOCK) * kernels.BLOCK
+    found = np.zeros((len(gates), width), dtype=np.float32)
+    found[:, len(gates) :] = np.inf
     ahead = graph.successors[gates]
+    error = 0.0
     for points, weight in ((graph.poses, metric.lambda_pos), (graph.velocities, metric.lambda_vel)):
         points = points - points.mean(axis=0)
         to, froms = points[gates], points[ahead]
         squares = (to**2).sum(axis=1), (froms**2).sum(axis=1)
+        doubled = np.ascontiguousarray(-2.0 * froms.T)
         for rows in np.array_split(np.arange(len(gates)), max(1, len(gates) // 256)):
-            apart = to[rows] @ (-2.0 * froms.T)
-            apart += squares[0][rows, None]
-            apart += squares[1]
-            np.sqrt(np.maximum(apart, 0.0, out=apart), out=apart)
-            found[rows] += lambda_join * weight * apart
-    return found
+            kernels.add_distances(
+                found[rows[0] : rows[-1] + 1], to[rows] @ doubled, squares[0][rows], squares[1], lambda_join * weight
+            )
+        most = max(squares[0].max(), squares[1].max())
+        # Of a difference of sums that are rounded, and of the two roundings to float32.
+        error += lambda_join * weight * np.sqrt(most) * (
+            np.sqrt(4 * (points.shape[1] + 4) * np.finfo(float).eps) + 4 * np.finfo(np.float32).eps
+        )  # fmt: skip
+    return found, 4 * float(error)

@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
 from gesturegen.config import Config
 from gesturegen.graph.motion_graph import MotionGraph
+from gesturegen.search import _global_kernels as kernels
 from gesturegen.search.rewards import Reward
 
 # Nodes so near to one another show the same moment.
@@ -123,11 +123,7 @@ def repeated(nodes: np.ndarray, graph: MotionGraph, seconds: float) -> np.ndarra
 
     seconds : how long ago that must be at least for it not to count
     """
-    last_shown = np.full(graph.n_nodes + 2 * NEAR_NODES, -np.inf)
-    found = np.zeros(len(nodes), dtype=bool)
-    for first, end in pairwise(stay_bounds(nodes, graph).tolist()):
-        stay, frames = nodes[first:end], np.arange(first, end)
-        before = np.max([last_shown[stay + shift] for shift in range(2 * NEAR_NODES + 1)], axis=0)
-        found[first:end] = frames - before < seconds * graph.fps - 1e-9
-        last_shown[stay + NEAR_NODES] = frames
-    return found
+    return kernels.repeated(
+        np.asarray(nodes, dtype=np.int64), stay_bounds(nodes, graph), graph.n_nodes, NEAR_NODES,
+        seconds * graph.fps - 1e-9,
+    )  # fmt: skip

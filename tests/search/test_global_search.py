@@ -293,6 +293,34 @@ def test_a_sweep_lowers_the_objective_or_leaves_the_path():
             nodes = other
 
 
+def test_a_window_solved_beside_the_present_path_is_solved_the_same():
+    """What must cost more than the present path is not looked for, which may change nothing."""
+    rng = np.random.default_rng(20)
+    seen = Counter()
+    for _ in range(40):
+        graph, speech, config = repetitive(
+            rng, min_stay_seconds=FRAME * rng.integers(0, 6), join_price=float(rng.choice([0.0, 1.0, 5.0])),
+            lambda_hold=float(rng.choice([0.2, 5.0])),
+        )  # fmt: skip
+        prices = global_search.price_list(graph, speech, config)
+        problem = global_search.Problem(prices, speech.n_frames)
+        nodes = problem.solve()
+        bounds = objective.stay_bounds(nodes, graph).tolist()
+        for place in range(len(bounds) - 1):
+            first, last = bounds[place], bounds[min(place + int(rng.integers(1, 4)), len(bounds) - 1)]
+            before = int(nodes[first - 1]) if first else -1
+            window = first, last, before, int(nodes[last]) if last < len(nodes) else -1
+            marks = problem._marks(nodes, first, last)
+            part = problem.solve(*window, marks)
+            assert problem.solve(*window, marks, nodes).tolist() == part.tolist()
+            seen["all"] += 1
+            seen["changed"] += part.tolist() != nodes[first:last].tolist()
+            seen["joins inside"] += objective.joined(part, graph).any()
+            seen["start"] += first == 0
+            seen["end"] += last == len(nodes)
+    assert min(seen.values()) > 20, seen
+
+
 def test_marks_are_what_the_rest_of_the_path_shows_around():
     rng = np.random.default_rng(12)
     for _ in range(20):
