@@ -163,14 +163,15 @@ class Problem:
             again = objective.repeated(nodes, self.prices.graph, self.settings.repeat_seconds)
             if last - first == self.n_frames or not again[first:last].any():
                 continue
-            part = self.solve(
-                first, last, int(nodes[first - 1]) if first else -1,
-                int(nodes[last]) if last < self.n_frames else -1, self._marks(nodes, first, last),
-            )  # fmt: skip
-            other = np.concatenate([nodes[:first], part, nodes[last:]])
-            cost = objective.total(other, self.prices)["total"]
-            if cost < best and self._long_enough(other):
-                nodes, best = other, cost
+            before, after = int(nodes[first - 1]) if first else -1, int(nodes[last]) if last < self.n_frames else -1
+            other = nodes
+            # What a window shows again of itself is known only once it is solved: then it is priced, too.
+            for inside in (False, True):
+                part = self.solve(first, last, before, after, self._marks(other, first, last, inside))
+                other = np.concatenate([nodes[:first], part, nodes[last:]])
+                cost = objective.total(other, self.prices)["total"]
+                if cost < best and self._long_enough(other):
+                    nodes, best = other, cost
         return nodes
 
     def _long_enough(self, nodes: np.ndarray) -> bool:
@@ -181,15 +182,20 @@ class Problem:
         least = np.minimum(least, len(nodes) - starts)
         return bool((lengths >= least).all())
 
-    def _marks(self, nodes: np.ndarray, first: int, last: int) -> np.ndarray:
-        """The ranges of nodes that the path outside [first, last) shows a short while before or after each frame."""
+    def _marks(self, nodes: np.ndarray, first: int, last: int, inside: bool = False) -> np.ndarray:
+        """The ranges of nodes that other stays show a short while before or after each frame of [first, last).
+
+        inside : whether stays of this window count as well, not only those outside it
+        """
         reach = int(np.ceil(self.settings.repeat_seconds * self.prices.graph.fps - 1e-9)) - 1
         n_nodes = self.prices.graph.n_nodes
         rows = []
         for start, end in pairwise(objective.stay_bounds(nodes, self.prices.graph).tolist()):
-            if start < last and end > first:
-                continue  # in the window
+            if start < last and end > first and not inside:
+                continue
             for frame in range(max(first, start - reach), min(last, end + reach)):
+                if start <= frame < end:
+                    continue
                 shown = nodes[max(start, frame - reach) : min(end, frame + reach + 1)]
                 if len(shown):
                     low, high = max(shown[0] - NEAR_NODES, 0), min(shown[-1] + NEAR_NODES + 1, n_nodes)
