@@ -23,6 +23,7 @@ from gesturegen import files, viewer
 from gesturegen.config import load_config
 from gesturegen.metrics import alignment
 from gesturegen.pipeline import build_graphs, evaluate, preprocess, reenact
+from gesturegen.pipeline.common import read_index
 
 matplotlib.use("Agg")
 from matplotlib import pyplot
@@ -70,8 +71,7 @@ def statue_ratio(config, name: str) -> float:
     """Fréchet distance of a motionless body to the truth, over that of random stretches."""
     measures = import_module("gesturegen.pipeline.evaluate")
     trace = files.read_json(Path(config.paths.work, "reenact", f"{name}.trace.json"))
-    index = files.read_json(Path(config.paths.work, "clips", "index.json"))
-    truth = measures.locate_file(Path(index["tests"][name]["truth"]), config).curves
+    truth = measures.locate_file(Path(read_index(config)["tests"][name]["truth"]), config).curves
     return viewer.velocity_ratio(truth.held(truth.n_frames), truth, measures.recordings(config, trace), config, name)
 
 
