@@ -115,7 +115,9 @@ def test_sound_that_is_not_read_is_a_failed_clip(reference, tests_folder):
     result = start(reference, tests_folder)
     assert result.exit_code == 1
     (line, count) = errors(result)
-    assert line.startswith(f"error: only: {tests_folder / 'only.wma'}: Windows Media audio is not read; convert it to WAV")
+    assert line.startswith(
+        f"error: only: {tests_folder / 'only.wma'}: Windows Media audio is not read; convert it to WAV"
+    )
     assert "1 of 3 failed" in count and "1 .wma (plain.wma)" in result.output
     index = json.loads((tests_folder.parent / "work/clips/index.json").read_text())
     assert list(index["failed"]) == ["only"]

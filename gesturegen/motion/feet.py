@@ -24,6 +24,8 @@ _SAME_PLACE, _REACH = 1e-3, 0.9999
 _STRAIGHT = 1e-6
 # Radians, of a knee that is locked out in standing: every leg may be stretched so far.
 _STANDING_BEND = np.radians(10.0)
+# Heights of a step by which every leg may become shorter than it mostly is.
+_STEPPING_ROOM = 2.0
 # Frames, of the filter that takes the corners off an offset.
 _SMOOTHING = 1.0
 
@@ -107,7 +109,7 @@ def lock(
     offsets = _offsets(np.stack(held, axis=1), np.stack(missing, axis=1), motion.fps, settings)
     rotations = motion.rotations.copy()
     for place, leg in enumerate(legs.values()):
-        _bend(rotations, motion, leg, offsets[:, place], _longest_leg(recorded, leg))
+        _bend(rotations, motion, leg, offsets[:, place], _leg_range(recorded, leg, settings))
     return replace(motion, rotations=rotations)
 
 
@@ -164,12 +166,14 @@ def _leg_lengths(motion: Motion, leg: Leg) -> np.ndarray:
     return np.linalg.norm(places[:, 1] - places[:, 0], axis=1)
 
 
-def _longest_leg(recorded: Motion, leg: Leg) -> float:
-    """How far a leg may be stretched: as far as in the recording, or to what any standing leg does."""
+def _leg_range(recorded: Motion, leg: Leg, settings: Feet) -> tuple[float, float]:
+    """How short and how long a leg may become: as in the recording, or as any leg does that steps or stands."""
     places = kinematics.joint_positions(recorded.take(slice(0, 1)), [leg.hip, leg.knee, leg.ankle])[0]
     thigh, shin = (float(np.linalg.norm(end - start)) for start, end in pairwise(places))
     standing = np.sqrt(thigh**2 + shin**2 + 2.0 * thigh * shin * np.cos(_STANDING_BEND))
-    return max(float(_leg_lengths(recorded, leg).max()), float(standing))
+    lengths = _leg_lengths(recorded, leg)
+    stepping = float(np.median(lengths)) - _STEPPING_ROOM * settings.step_height
+    return min(float(lengths.min()), stepping), max(float(lengths.max()), float(standing))
 
 
 def _stretched(length: np.ndarray, wanted: np.ndarray, longest: float) -> np.ndarray:
@@ -183,10 +187,19 @@ def _stretched(length: np.ndarray, wanted: np.ndarray, longest: float) -> np.nda
     return np.where(wanted > length, length + slowed, wanted)
 
 
-def _bend(rotations: np.ndarray, motion: Motion, leg: Leg, offsets: np.ndarray, longest: float) -> None:
+def _shortened(length: np.ndarray, wanted: np.ndarray, shortest: float) -> np.ndarray:
+    """The wanted lengths, but none bent under the shortest: a step must not become a crouch.
+
+    A bent knee turns evenly with its leg's length, so that only the last part of the way is slowed.
+    """
+    less, room = np.maximum(length - wanted, 0.0), np.maximum(length - shortest, 1e-12)
+    return np.where(wanted < length, length - less / (1.0 + (less / room) ** 4) ** 0.25, wanted)
+
+
+def _bend(rotations: np.ndarray, motion: Motion, leg: Leg, offsets: np.ndarray, leg_range: tuple[float, float]) -> None:
     """Bend one leg, in place, so that its ankle moves by x, z and up `[shape=(T, 3)]`; the foot keeps its direction.
 
-    longest : how far the leg may be stretched; a goal beyond that is pointed at
+    leg_range : the shortest and the longest that the leg may become; a goal beyond these is pointed at
     """
     joints = [leg.hip, leg.knee, leg.ankle]
     around = [j for joint in joints for j in (int(motion.skeleton.parents[joint]), joint)]
@@ -195,7 +208,8 @@ def _bend(rotations: np.ndarray, motion: Motion, leg: Leg, offsets: np.ndarray, 
     goal = ankle + offsets[:, [0, 2, 1]]
     thigh, shin = knee - hip, ankle - knee
     long, short = np.linalg.norm(thigh, axis=1), np.linalg.norm(shin, axis=1)
-    wanted = _stretched(np.linalg.norm(ankle - hip, axis=1), np.linalg.norm(goal - hip, axis=1), longest)
+    length, wanted = np.linalg.norm(ankle - hip, axis=1), np.linalg.norm(goal - hip, axis=1)
+    wanted = _shortened(length, _stretched(length, wanted, leg_range[1]), leg_range[0])
     reach = np.clip(wanted, np.abs(long - short) / _REACH, (long + short) * _REACH)
     # The knee, about the axis it is bent on already: the angle that brings the ankle to the goal's distance.
     axis = np.cross(thigh, shin)

@@ -640,18 +640,19 @@ def repeated(nodes, bounds, n_nodes, near, most_frames):
 
 
 @njit(cache=True, nogil=True)
-def marks(nodes, bounds, first, last, reach, near, n_nodes):
+def marks(nodes, bounds, first, last, reach, near, n_nodes, inside):
     """For the frames [first, last), nodes near those that other stays show up to `reach` frames before or after.
 
     Rows of the frame, the first node and the node after the last, in order of frames, as in `Prices`.
+    inside : whether stays of [first, last) count as well
     """
     rows = np.empty((max(last - first, 0) * (len(bounds) - 1), 3), dtype=np.int64)
     count = 0
     for frame in range(first, last):
         for stay in range(len(bounds) - 1):
             start, end = bounds[stay], bounds[stay + 1]
-            if start < last and end > first:
-                continue  # in the window
+            if start <= frame < end or (start < last and end > first and not inside):
+                continue
             begin, stop = max(start, frame - reach), min(end, frame + reach + 1)
             if begin < stop:
                 rows[count, 0] = frame

@@ -154,11 +154,14 @@ class Problem:
         nodes = kernels.follow(node, age, begin, last, self.min_stay, self.joins, self.actions)
         return nodes[first - begin :]
 
-    def solve_again(self, nodes: np.ndarray, first: int, last: int) -> np.ndarray:
-        """The cheapest nodes for a window of a path, with a price on what the rest of it shows."""
+    def solve_again(self, nodes: np.ndarray, first: int, last: int, inside: bool = False) -> np.ndarray:
+        """The cheapest nodes for a window of a path, with a price on what the rest of it shows.
+
+        inside : whether what the window's own stays show is priced as well
+        """
         return self.solve(
             first, last, int(nodes[first - 1]) if first else -1, int(nodes[last]) if last < self.n_frames else -1,
-            self._marks(nodes, first, last), nodes,
+            self._marks(nodes, first, last, inside), nodes,
         )  # fmt: skip
 
     def sweep(self, nodes: np.ndarray, stays: int) -> np.ndarray:
@@ -175,13 +178,16 @@ class Problem:
             again = objective.repeated(nodes, self.prices.graph, self.settings.repeat_seconds)
             if last - first == self.n_frames or not again[first:last].any():
                 continue
-            part = self.solve_again(nodes, first, last)
-            if np.array_equal(part, nodes[first:last]):
-                continue
-            other = np.concatenate([nodes[:first], part, nodes[last:]])
-            cost = objective.total(other, self.prices)["total"]
-            if cost < best and self._long_enough(other):
-                nodes, best = other, cost
+            other = nodes
+            # What a window shows again of itself is known only once it is solved: then it is priced, too.
+            for inside in (False, True):
+                part = self.solve_again(other, first, last, inside)
+                if np.array_equal(part, other[first:last]):
+                    continue
+                other = np.concatenate([nodes[:first], part, nodes[last:]])
+                cost = objective.total(other, self.prices)["total"]
+                if cost < best and self._long_enough(other):
+                    nodes, best = other, cost
         return nodes
 
     def _long_enough(self, nodes: np.ndarray) -> bool:
@@ -192,11 +198,14 @@ class Problem:
         least = np.minimum(least, len(nodes) - starts)
         return bool((lengths >= least).all())
 
-    def _marks(self, nodes: np.ndarray, first: int, last: int) -> np.ndarray:
-        """The ranges of nodes that the path outside [first, last) shows a short while before or after each frame."""
+    def _marks(self, nodes: np.ndarray, first: int, last: int, inside: bool = False) -> np.ndarray:
+        """The ranges of nodes that other stays show a short while before or after each frame of [first, last).
+
+        inside : whether stays of this window count as well, not only those outside it
+        """
         reach = int(np.ceil(self.settings.repeat_seconds * self.prices.graph.fps - 1e-9)) - 1
         bounds = objective.stay_bounds(nodes, self.prices.graph)
-        return kernels.marks(nodes, bounds, first, last, reach, NEAR_NODES, self.prices.graph.n_nodes)
+        return kernels.marks(nodes, bounds, first, last, reach, NEAR_NODES, self.prices.graph.n_nodes, inside)
 
 
 @lru_cache(maxsize=1)

@@ -279,6 +279,26 @@ def test_a_step_takes_its_time_and_goes_back_under_the_body():
     np.testing.assert_allclose(ankles(held)[-1], ankles(motion)[-1], atol=0.02)
 
 
+def test_a_step_out_of_a_crouch_bends_the_knee_no_further_than_was_recorded():
+    bend = 0.35 + 1.25 * np.interp(np.arange(300), [60, 100, 200, 240], [0.0, 1.0, 1.0, 0.0])[:, None]
+
+    def crouching(places):
+        motion = figure(places, bend)
+        positions = motion.positions.copy()
+        positions[:, 0, 1] -= ankles(motion)[:, 0, 1] - ankles(motion)[0, 0, 1]
+        return replace(motion, positions=positions)
+
+    def bends(motion):
+        places = kinematics.joint_positions(motion, [4, 5, 6, 9, 10, 11]).reshape(-1, 2, 3, 3)
+        thigh, shin = places[:, :, 1] - places[:, :, 0], places[:, :, 2] - places[:, :, 1]
+        return np.arctan2(np.linalg.norm(np.cross(thigh, shin), axis=-1), (thigh * shin).sum(axis=-1))
+
+    motion = crouching(slide(300, (40.0, 0.0), 105, 195))
+    held = locked(motion, crouching(np.zeros((300, 2))))
+    assert drift(held)[100:200].max() > 10.0 and rotation.angle_between(held.rotations, motion.rotations).max() > 0.1
+    assert bends(held).max() < bend.max() + 1e-6
+
+
 def test_a_raised_foot_is_left_where_it_was_once_its_offset_has_faded():
     # The right foot goes up at frame 60, with an offset of 10 cm, and stays there for four seconds.
     count = 180

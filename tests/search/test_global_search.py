@@ -321,7 +321,8 @@ def test_a_window_solved_beside_the_present_path_is_solved_the_same():
     assert min(seen.values()) > 20, seen
 
 
-def test_marks_are_what_the_rest_of_the_path_shows_around():
+@pytest.mark.parametrize("inside", [False, True])
+def test_marks_are_what_other_stays_show_around(inside):
     rng = np.random.default_rng(12)
     for _ in range(20):
         graph, speech, config = repetitive(rng, repeat_seconds=0.4)
@@ -330,13 +331,16 @@ def test_marks_are_what_the_rest_of_the_path_shows_around():
         nodes = problem.solve()
         starts = [0, *np.flatnonzero(objective.joined(nodes, graph)).tolist(), len(nodes)]
         place = int(rng.integers(len(starts) - 1))
-        first, last = starts[place : place + 2]
+        first, last = starts[place], starts[min(place + 2, len(starts) - 1)]
         found = np.zeros((len(nodes), graph.n_nodes), dtype=int)
-        for frame, low, high in problem._marks(nodes, first, last).tolist():
+        for frame, low, high in problem._marks(nodes, first, last, inside).tolist():
             found[frame, low:high] += 1
         expected = np.zeros_like(found)
         for start, end in pairwise(starts):
-            for frame in range(first, last) if start != first else ():
+            own = first <= start < last
+            for frame in range(first, last) if inside or not own else ():
+                if start <= frame < end:
+                    continue
                 near = [nodes[t] for t in range(start, end) if abs(t - frame) < 0.4 * graph.fps - 1e-9]
                 for node in range(graph.n_nodes):
                     expected[frame, node] += any(abs(node - other) <= 3 for other in near)
