@@ -212,7 +212,9 @@ class Clip:
         heard = audio.voiced_seconds(self.voiced(config))
         if not heard:
             return ["no words, and no voice is heard, so all of it without an onset is a pause"]
-        how = "speech is heard" if self.voice.is_known(config.voice) else "no voice is known in it, but it is loud"
+        how = (
+            "speech is heard" if self.voice.is_known(config.voice) else "hardly a voice is known in it, but it is loud"
+        )
         return [f"no words, so the sound tells when there is speech: {how} in {heard:.1f} of {self.duration:.1f} s"]
 
     def _onset_notes(self, config: Config) -> list[str]:
