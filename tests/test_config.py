@@ -734,7 +734,7 @@ ANOTHER = {
     "gesture_master.style.source": "none",
     "gesture_master.style.targets": [{"clip": "a", "from": 0, "to": 1}],
     "motion.unit": "m",
-    **dict.fromkeys(("skeleton.spine", "skeleton.left_fingers", "skeleton.right_fingers"), ["a"]),
+    **{key: ["a"] for key in ("skeleton.spine", "skeleton.left_fingers", "skeleton.right_fingers")},
     "gesture_master.upper.delta_quantile": 0.5,
     "gesture_master.lower.delta_quantile": 0.5,
     "gesture_master.time_scale.max": 1.5,
