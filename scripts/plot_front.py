@@ -103,6 +103,8 @@ def draw(points: dict[str, dict[str, float]], marks: dict[str, dict[str, float]]
             if np.isfinite(row[x]) and np.isfinite(row[y]):
                 axis.plot(row[x], row[y], mark, color="black", markersize=10, label=name)
         axis.set(xlabel=AXES[x], ylabel=AXES[y])
+        if y == "frechet":
+            axis.set_yscale("symlog", linthresh=1.5)  # a statue is far off
         axis.grid(alpha=0.3)
         axis.legend(fontsize=8)
     figure.savefig(target, dpi=80)
