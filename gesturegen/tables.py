@@ -19,8 +19,8 @@ SUMMARY = {
     "still_longest": "longest stillness of the hands, s", "a2m_z": "alignment with onsets (a2m), z",
     "hands_beat_z": "alignment of the hands' minima, z", "seam_auc": "joins found by a classifier, AUC ↓",
     "seam_auc_control": "the same frames in the recording, AUC",
-    "frechet_velocity_ratio": "Fréchet of speeds to the truth / random stretch's ↓",
-    "frechet_velocity_recording_ratio": "Fréchet of speeds to the recording / random stretch's ↓",
+    "frechet_velocity_ratio": "Fréchet of speeds, to the truth ↓ (random: 1)",
+    "frechet_velocity_recording_ratio": "Fréchet of speeds, to recording ↓ (random: 1)",
     "foot_skate_ratio": "foot skate / reference's", "knee_snaps": "knee snaps a minute ↓",
     "pause_share": "pause frames shown from pauses ↑", "reference_share": "reference used",
 }  # fmt: skip
