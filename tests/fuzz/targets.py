@@ -193,7 +193,9 @@ def _samples_hold(path: Path, found: tuple[np.ndarray, int]) -> None:
             if told and file.frames == len(samples):
                 np.testing.assert_array_equal(samples, file.read(dtype="float32", always_2d=True).mean(axis=1))
     except soundfile.SoundFileError:
-        assert compressed.kind(path.read_bytes()[:12]), "libsndfile does not read it, and it is nothing for PyAV"
+        head = path.read_bytes()[:12]
+        # The lengths in the header of a WAV file are mended before libsndfile sees it, where its writer did not know them.
+        assert compressed.kind(head) or head[:4] in (b"RIFF", b"RF64"), "neither libsndfile nor PyAV reads it"
 
 
 def _sound(channels: int = 1, **options) -> bytes:
