@@ -180,7 +180,7 @@ def differences(config: Config) -> list[str]:
     here = _flat(_values(config))
     return [
         f"{key}: {_shown(here.get(key))} (there {_shown(there.get(key))})"
-        for key in sorted(here.keys() | there.keys())
+        for key in sorted(here.keys() | there.keys(), key=lambda key: (key.count("."), key))
         if not any(key == harmless or key.startswith(f"{harmless}.") for harmless in _HARMLESS)
         and _settled(key, here.get(key)) != _settled(key, there.get(key))
     ]

@@ -805,7 +805,7 @@ def test_a_skeleton_of_other_names(data, tmp_path):
         write_recording(data, name, seconds, 3, motion=gesture_builders.motion(rng, 30 * seconds, bones))
     work = commands(RESULT, data, tmp_path / "work")
     facts = inspected(database(work))
-    assert facts["mirrored"] and facts["joints"] == {"compared": 15, "upper": 10, "lower": 5, "fingers": 0}
+    assert facts["mirrored"] and facts["joints"] == {"compared": 15, "upper": 10, "lower": 5, "fingers": 2}
     assert "LeftFoot" in trace(work, "tst_a")["tracks"][0]["joints"]
     # Without wrists of a known name, the joints farthest out at rest are the hands.
     assert all(clip["speed"] > 10 for clip in facts["clips"])

@@ -324,12 +324,12 @@ def scanty(whole_data, built, tmp_path_factory) -> tuple[Path, Path, str]:
 @pytest.mark.parametrize(
     ("name", "frames", "note"),
     [
-        ("no_transcript", 120, "no words, so its onsets stand for them"),
-        ("empty_transcript", 120, "no words, so its onsets stand for them"),
-        ("noise", 120, "no words and no onsets, so all of it is rest"),
-        ("empty_noise", 120, "no words and no onsets, so all of it is rest"),
-        ("silence", 120, "no words and no onsets, so all of it is rest"),
-        ("short", 3, "no words and no onsets, so all of it is rest"),
+        ("no_transcript", 120, "no words, so its onsets and the sound of its voice stand for them"),
+        ("empty_transcript", 120, "no words, so its onsets and the sound of its voice stand for them"),
+        ("noise", 120, "no words, no onsets and no voice, so all of it is rest"),
+        ("empty_noise", 120, "no words, no onsets and no voice, so all of it is rest"),
+        ("silence", 120, "no words, no onsets and no voice, so all of it is rest"),
+        ("short", 3, "no words, no onsets and no voice, so all of it is rest"),
     ],
 )
 def test_a_speech_that_says_little(name, frames, note, scanty):

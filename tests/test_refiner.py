@@ -94,8 +94,8 @@ def test_without_torch_all_else_works_and_it_says_what_to_install(data, plain, w
     wanted = [
         arguments("run", data, work),
         arguments("train-refiner", data, work),
-        arguments("reenact", data, work, *REFINE),
-        arguments("reenact", data, work),
+        arguments("reenact", data, work, *REFINE, "--force"),
+        arguments("reenact", data, work, "--force"),
     ]
     found = subprocess.run(
         [sys.executable, "-c", SCRIPT],

@@ -204,7 +204,11 @@ def _extract(config: Config, recording: str, limit: int | None) -> list[str]:
         {
             "made_of": np.array(made_of),
             **extract(reference, config).arrays(),
-            **{f"described_{name}": np.array(value) for name, value in described.items()},
+            # A type of its own also for an empty list, of a skeleton without hands.
+            **{
+                f"described_{name}": np.array(value, dtype=str if _DESCRIBED[name].dtype == "str" else None)
+                for name, value in described.items()
+            },
             "key_frames": nodes.frames,
             "key_kinds": nodes.kinds,
             "key_words": nodes.keywords,
