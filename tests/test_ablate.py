@@ -178,6 +178,7 @@ def without_times(written: dict[str, bytes], printed: str) -> dict:
     return left
 
 
+@pytest.mark.slow
 def test_bytes_do_not_depend_on_the_number_of_workers_but_for_the_search_time(finished, recorded, prepared):
     result = run("ablate", "--config", finished[0], "--data", recorded, "--work", prepared, "-j", 2)
     assert result.exit_code == 0, result.output

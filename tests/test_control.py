@@ -168,6 +168,7 @@ def test_demands_change_over_time(method, middle, demo):
     assert all(row["inside"] > 0.7 for row in rows)
 
 
+@pytest.mark.slow
 def test_a_soft_demand_draws_by_its_price(demo):
     means = [
         demo.controlled(
@@ -262,6 +263,7 @@ def test_the_report_draws_it(width, demo, browser, tmp_path):  # noqa: F811
     assert heights[0] == heights[1] + 2 * 66
 
 
+@pytest.mark.slow
 def test_without_control_nothing_is_told(demo):
     demo.controlled("motion_matching", *asked(condition("high")))
     work = demo.base / "motion_matching"

@@ -744,6 +744,7 @@ def test_an_ablation_of_both_methods(plan, whole_data, work, tmp_path):
     assert tree(work / "clips") == clips
 
 
+@pytest.mark.slow
 def test_an_ablation_that_keeps_is_the_commands(plan, whole_data, whole, work, tmp_path):
     result = ablate(plan, whole_data, work, "-j", 1, "--keep")
     assert result.exit_code == 0, result.output

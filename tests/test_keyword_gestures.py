@@ -354,6 +354,7 @@ def test_workers_change_no_byte(method, folder):
     assert tree(folder / "work") == before
 
 
+@pytest.mark.slow
 def test_run_sees_a_changed_gesture_and_nothing_else(folder):
     asked = "{clip: tst_a, at: 1.3, gesture: wave}"
     done(folder, "run", "motion_matching", asked)

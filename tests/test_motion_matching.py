@@ -263,6 +263,7 @@ def test_references_shorter_than_a_step_are_one_line_for_each_clip(whole_data, t
 OTHERS = {"motion_matching": (), "gesture_master": MASTER, "motion_graph": settings("method=motion_graph")}
 
 
+@pytest.mark.slow
 def test_three_methods_in_one_work_folder(whole_data, whole, tmp_path):
     work = commands(("preprocess",), whole_data, tmp_path / "work", *VOICE)
     for options in OTHERS.values():
@@ -283,6 +284,7 @@ def test_report_beside_another_method(whole_data, work, tmp_path):
     assert "2 clips to watch, 0 failed" in command("report", whole_data, work, "--compare", f"graph={other}").output
 
 
+@pytest.mark.slow
 def test_ablate_beside_other_methods(whole_data, work, tmp_path):
     setups = {
         "matching": "method: motion_matching",
