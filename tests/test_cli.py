@@ -105,6 +105,7 @@ def test_bytes_do_not_depend_on_the_number_of_workers(finished, recorded, tmp_pa
     assert tree(tmp_path) == tree(finished)
 
 
+@pytest.mark.slow
 def test_another_seed_gives_other_bytes(finished, recorded, tmp_path):
     for seed in range(1, 5):  # two references in two orders: some seed deals them otherwise
         all_commands(recorded, tmp_path / str(seed), "--set", f"seed={seed}")

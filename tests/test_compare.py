@@ -28,6 +28,8 @@ SETUPS = {
 }
 MACHINE = {measure.key for measure in MACHINE_MEASURES}
 CLIPS = ("tst_a", "tst_b")
+# Every method and baseline is run for them.
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

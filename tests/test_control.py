@@ -152,6 +152,7 @@ def test_real_hands_go_up_and_down(method, real):
         assert all(row["deviation"] > 0 and row["inside"] > 0.3 for row in rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["motion_matching", pytest.param("global", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("middle", [15.0, 14.2])
 def test_demands_change_over_time(method, middle, demo):

@@ -241,6 +241,7 @@ def test_the_trace_tells_of_both_bodies(name, demo_folder):
     assert found["objective"]["upper"]["total"] == pytest.approx(total, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_report_beside_the_other_method(demo_folder, demo_work, tmp_path):
     other = Path(shutil.copytree(demo_folder / "work", tmp_path / "other"))
     for stage in ("build-graph", "reenact", "evaluate"):
@@ -256,6 +257,7 @@ def test_report_beside_the_other_method(demo_folder, demo_work, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_export_and_inspect(demo_work, tmp_path):
     succeed("export", demo_work / "reenact", "--format", "csv", "--format", "npz", "--out", tmp_path / "out", "-j", 1)
     assert np.load(tmp_path / "out" / f"{DEMO_TESTS[0]}.npz")["positions"].shape[0] == 360
@@ -524,6 +526,7 @@ def test_both_methods_share_a_work_folder(mode, whole_data, work, tmp_path):
     assert {name: now[name] for name in first} == first
 
 
+@pytest.mark.slow
 def test_run_may_alternate_between_methods(whole_data, whole, work):
     commands(("run",), whole_data, work, *settings("method=motion_graph", "prosody.enabled=false"))
     before = stamps(work)

@@ -320,6 +320,7 @@ def test_run_refines_again_when_the_checkpoint_changes(data, ready):
     assert {f"reenact/{name}.bvh" for name in TESTS} <= rewritten(ready, before, "reenact")
 
 
+@pytest.mark.slow
 def test_other_methods_and_variants_are_refined_as_well(data, ready):
     before = (ready / "reenact/tst_a.bvh").read_bytes()
     done("reenact", data, ready, *REFINE, "--variants", "2")

@@ -76,6 +76,7 @@ def test_a_video_has_the_frames_and_the_sound_of_its_clip(takes, tmp_path):
     assert min(np.abs(a - b).max() for a, b in pairwise(body)) > 60
 
 
+@pytest.mark.slow
 def test_the_bytes_do_not_depend_on_the_number_of_workers(takes, tmp_path):
     hashes = []
     for jobs in ("1", "2"):
