@@ -432,6 +432,7 @@ def folders(names: set[str]) -> set[str]:
     return {name.split("/")[0] for name in names}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changed", "redone"),
     [
@@ -456,6 +457,7 @@ def test_a_changed_setting_redoes_what_depends_on_it(changed, redone, whole_data
     assert tree(work / "reenact") == tree(fresh / "reenact") and tree(work / "graphs") == tree(fresh / "graphs")
 
 
+@pytest.mark.slow
 def test_a_changed_recording_redoes_its_own_part_only(data, work, tmp_path):
     before = stamps(work)
     path = data / "trn/main-agent/tsv/trn_b.tsv"
@@ -638,6 +640,7 @@ def test_a_dropped_clip_may_be_included(whole_data, whole, work):
 # --- variants -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_variants_differ_and_the_first_is_the_ordinary_result(whole_data, whole, work):
     dear = settings("gesture_master.lambda_variant=100000")
     commands(("reenact",), whole_data, work, *dear)

@@ -110,6 +110,7 @@ def test_two_skeletons_are_found_in_every_group_that_has_them(data, tmp_path):
     assert len(list((tmp_path / "work/graphs").glob("*.npz"))) == 1
 
 
+@pytest.mark.slow
 def test_a_skeleton_that_is_not_symmetric(data, tmp_path):
     bones = gesture_builders.skeleton()
     offsets = np.array(bones.offsets)
@@ -212,6 +213,7 @@ def test_all_clips_dropped(quality, why, data, tmp_path):
 # --- prosody ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_prosody_that_was_not_measured(data, tmp_path):
     work = tmp_path / "work"
     options = settings("prosody.enabled=false", "gesture_master.style.source=none")
@@ -408,6 +410,7 @@ def fingers_move(path: Path) -> float:
     return float(np.abs(np.diff(motion.rotations[:, joints], axis=0)).max())
 
 
+@pytest.mark.slow
 def test_references_without_fingers_beside_one_with(data, tmp_path):
     for name in ("trn_a", "trn_b"):
         rewrite(data, name, fingers=False)

@@ -309,6 +309,7 @@ def test_without_gestures_nothing_changes(tmp_path):
 ASKED = ("{word: halt, gesture: point}", "{clip: tst_a, at: 1.3, gesture: wave}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_evaluate_check_report_and_export(method, folder):
     for name in ("reenact", "evaluate", "check", "report"):
