@@ -1,5 +1,6 @@
 """A work folder remembers its settings; commands that are told no others take them, and none overwrites in silence."""
 
+import os
 import re
 from pathlib import Path
 
@@ -80,6 +81,17 @@ def test_results_of_other_settings_are_not_overwritten(data, tmp_path):
     assert again.exit_code == 0 and f"settings: {work / 'config.yaml'}" in again.stderr
     assert go("reenact", "--work", work, "-j", 1, "--set", "seed=3", "--force").exit_code == 0
     assert remembered.load(None, (), {"paths.work": str(work)})[0].seed == 3
+
+
+def test_folders_of_recordings_are_remembered_wherever_a_command_is_started(data, tmp_path, monkeypatch):
+    work = tmp_path / "work"
+    folders = ("--references", data / "trn", "--tests", data / "tst")
+    assert go("preprocess", "--config", "casia_go_2023", *folders, "--work", work, "-j", 1).exit_code == 0
+    for place in (tmp_path, data):
+        monkeypatch.chdir(place)
+        result = go("build-graph", "--work", os.path.relpath(work, place), "-j", 1)
+        assert result.exit_code == 0, result.output
+    assert str(tmp_path) not in (work / "clips/index.json").read_text()
 
 
 def test_damaged_settings_are_named_and_written_anew(data, tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -83,9 +84,22 @@ def read_index(config: Config) -> dict:
     index = documents.read(path, documents.Index, "preprocess")
     if index["format_version"] != INDEX_VERSION:
         raise DamagedError(f"{path}: written by another version; run `gesturegen preprocess` again")
-    clips.check_settings(path, index["settings"], config.section_json("data", "blacklist"), "preprocess")
+    clips.check_settings(path, index["settings"], data_settings(config), "preprocess")
     _locate_recordings(index["tests"], path, config)
     return index
+
+
+def data_settings(config: Config) -> str:
+    """Canonical JSON of the settings that say which recordings there are.
+
+    Folders are as seen from the work folder of the clips, which others may share, such as those of variants.
+    """
+    work = work_path(config, "clips").resolve().parent
+    settings = json.loads(config.section_json("data", "blacklist"))
+    for key in ("references", "tests"):
+        if (folder := settings["data"][key]) is not None:
+            settings["data"][key] = Path(os.path.relpath(Path(folder).resolve(), work)).as_posix()
+    return json.dumps(settings, sort_keys=True)
 
 
 def relative_to_work(path: Path, config: Config) -> str:

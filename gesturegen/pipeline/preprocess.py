@@ -16,6 +16,7 @@ from gesturegen.pipeline.common import (
     Summary,
     by_kind,
     clip_path,
+    data_settings,
     relative_to_work,
     require_names,
     require_writable,
@@ -107,7 +108,7 @@ def _index(config: Config, references: dict[str, Recording], tests: dict[str, Re
     done = outcome.done
     return {
         "format_version": INDEX_VERSION,
-        "settings": config.section_json("data", "blacklist"),
+        "settings": data_settings(config),
         "references": {
             name: {key: done[name][key] for key in ("speaker", "seconds")} for name in references if name in done
         },
