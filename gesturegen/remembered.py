@@ -166,6 +166,26 @@ def to_text(config: Config, work: Path) -> str:
     return f"{text}{_CHECKSUM}{hashlib.sha256(text.encode()).hexdigest()}\n"
 
 
+def changed_yaml(config: Config, without: Sequence[str]) -> str:
+    """As YAML, the settings in which a config differs from the defaults, but for the sections `without` and places."""
+    import yaml
+
+    plain = _values(Config())
+    changed = _changed(_values(config), plain)
+    for key in ("paths", "data", "keywords", *without):
+        changed.pop(key, None)
+    return yaml.safe_dump(changed, sort_keys=False, allow_unicode=True, width=120) if changed else ""
+
+
+def _changed(values: Mapping[str, Any], plain: Mapping[str, Any]) -> dict[str, Any]:
+    found = {}
+    for name, value in values.items():
+        if value != plain[name]:
+            inner = isinstance(value, dict) and isinstance(plain[name], dict)
+            found[name] = _changed(value, plain[name]) if inner else value
+    return found
+
+
 def _values(config: Config) -> dict[str, Any]:
     return json.loads(config.model_dump_json(by_alias=True))
 

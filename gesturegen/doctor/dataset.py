@@ -10,6 +10,7 @@ from gesturegen.config import Config
 from gesturegen.doctor.examination import Examined
 from gesturegen.graph.reference_frames import offset_tolerance
 from gesturegen.inputs import shown
+from gesturegen.remembered import changed_yaml
 
 # Of a method that shows whole gesture clips, and of one that looks into the future.
 _FEW_GESTURES, _FEW_MINUTES = 50, 5.0
@@ -111,19 +112,29 @@ def methods(
     return rows
 
 
-def blacklist_yaml(references: Sequence[Examined], plain: Mapping[str, str]) -> str:
-    """A config that leaves out what is unfit, and why, line by line; plain : recording -> its clip's name."""
+def blacklist_yaml(references: Sequence[Examined], plain: Mapping[str, str], config: Config | None = None) -> str:
+    """A config that leaves out what is unfit, and why, line by line; plain : recording -> its clip's name.
+
+    config : whose other settings go into it, without which it would stand for the defaults
+    """
     lines = [
-        "# What `gesturegen doctor` would leave out of the references, and why. Use it with --config, or copy it into",
-        "# your own config.",
+        "# What `gesturegen doctor` would leave out of the references, and why, with the settings that it was run with.",
+        "# Use it with --config, or copy it into your own config.",
     ]
+    config = config or Config()
+    lines += changed_yaml(config, ("blacklist", "exclude")).splitlines()
     whole = [one for one in references if one.unfit]
-    lines.append("blacklist:" if whole else "blacklist: []")
+    lines.append("blacklist:" if whole or config.blacklist else "blacklist: []")
+    lines += [f"- {json.dumps(pattern, ensure_ascii=False)}  # as before" for pattern in config.blacklist]
     for one in whole:
         reasons = _comment("; ".join(f.text for f in one.findings if f.start is None))
         lines.append(f"- {json.dumps(plain[one.name], ensure_ascii=False)}  # {reasons}")
     ranges = [(one, f) for one in references if not one.unfit for f in one.findings if f.start is not None]
-    lines.append("exclude:" if ranges else "exclude: []")
+    lines.append("exclude:" if ranges or config.exclude else "exclude: []")
+    lines += [
+        f"- {{clip: {json.dumps(old.clip, ensure_ascii=False)}, from: {old.from_:g}, to: {old.to:g}}}  # as before"
+        for old in config.exclude
+    ]
     for one, f in ranges:
         lines.append(
             f"- {{clip: {json.dumps(plain[one.name], ensure_ascii=False)}, from: {f.start:.2f}, to: {f.end:.2f}}}  # {_comment(f.text)}"

@@ -44,7 +44,7 @@ def doctor(config: Config, jobs: int, quiet: bool, out: Path | None = None, blac
         recordings.true_motions(config, {name: named[name] for name in (one.name.partition("/")[2] for one in tests)})
     )
     plain = {f"{part}/{one.name}": one.name for part, found in parts.items() for one in found}
-    text = dataset.blacklist_yaml(references, plain)
+    text = dataset.blacklist_yaml(references, plain, config)
     content = page.Content(
         ", ".join(map(str, _folders(config).values())),
         by_part,
