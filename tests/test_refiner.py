@@ -196,7 +196,7 @@ def test_interrupted_training_ends_in_the_same_network(after, data, trained, wor
 @pytest.mark.slow
 def test_killed_training_ends_in_the_same_file(data, work, tmp_path):
     pytest.importorskip("torch")
-    options = settings("refiner.iterations=12")
+    options = (*settings("refiner.iterations=12"), "--force")
     other = Path(shutil.copytree(work, tmp_path / "other"))
     train = [[str(word) for word in arguments("train-refiner", data, folder, *options)] for folder in (other, work)]
     whole = run_with(train[0], other, tmp_path / "log")
