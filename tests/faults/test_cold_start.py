@@ -190,7 +190,8 @@ def test_the_warm_up_covers_every_loop_of_every_method(room):
     for path in (PROJECT / "gesturegen").rglob("*_kernels.py"):
         lines = path.read_text().splitlines()
         for number, line in enumerate(lines):
-            if line.startswith("@njit"):
+            # What is inlined has no entry of its own.
+            if line.startswith("@njit") and 'inline="always"' not in line:
                 name = lines[number + 1].partition("(")[0].removeprefix("def ")
                 assert any(entry.startswith(f"{path.stem}.{name}-{number + 1}.") for entry in before), (path, name)
     for config in METHODS:
