@@ -26,7 +26,7 @@ from gesturegen import clips, evaluation, files, pipeline, remembered, submissio
 from gesturegen import export as formats
 from gesturegen.config import Config, load_config
 from gesturegen.errors import ConfigError, DataError
-from gesturegen.extras import need
+from gesturegen.joints import settings_for
 from gesturegen.motion import cleanup, space
 from gesturegen.motion.skeleton import Motion
 from gesturegen.parallel import describe_bugs
@@ -62,13 +62,14 @@ class Gesture:
     """A motion that was made for a speech.
 
     motion : in centimetres with y up, as `read_motion` gives it; trace : what explains every frame of it (README, file formats);
-    notes : what was guessed or given up, a line each; text : the BVH file, byte by byte
+    notes : what was guessed or given up, a line each; text : the BVH file, byte by byte; pelvis : the name of a joint
     """
 
     name: str
     motion: Motion
     trace: dict[str, Any]
     text: bytes = field(repr=False)
+    pelvis: str
     notes: tuple[str, ...] = ()
 
     def save(self, path: Place) -> None:
@@ -84,14 +85,8 @@ class Gesture:
         suffix = place.suffix.lower()
         if suffix == ".bvh":
             self.save(place)
-        elif suffix == ".glb":
-            need("pygltflib", "gltf")
-            data = formats.to_glb(self.motion, self.name)
-            files.write_bytes(place, lambda file: file.write(data))
-        elif suffix == ".csv":
-            files.write_text(place, formats.to_csv(self.motion))
-        elif suffix == ".npz":
-            files.write_arrays(place, formats.to_arrays(self.motion))
+        elif suffix in (".glb", ".csv", ".npz"):
+            formats.write(place, self.motion, self.name, self.pelvis)
         else:
             raise ConfigError(f"{place}: motions are exported as .bvh, .glb, .csv or .npz; give one of these endings")
 
@@ -120,7 +115,6 @@ class Gesturer:
             remembered.shipped(config), overrides, {key: str(self._folder / name) for key, name in places.items()}
         )
         self.jobs = jobs
-        self.notes: tuple[str, ...] = ()
         self._fitted = False
         # Where the files stand that were given.
         self._files: dict[Path, Path] = {}
@@ -128,7 +122,7 @@ class Gesturer:
     def fit(self, recordings: Sequence[Sequence[Place | None]]) -> Gesturer:
         """Learn from recordings: `(bvh, wav)` or `(bvh, wav, tsv)` each; all of them serve every speech.
 
-        What was guessed or left out is kept in `notes`. Returns itself. Raises DataError.
+        What was guessed or left out is in the notes of each gesture. Returns itself. Raises DataError.
         """
         if not recordings:
             raise DataError("no recordings were given; give at least one (bvh, wav) or (bvh, wav, tsv)")
@@ -154,11 +148,12 @@ class Gesturer:
             if summary.outcome.errors:
                 raise DataError(self._as_given("\n".join(summary.outcome.errors.values())))
             notes += [self._as_given(f"{clip}: {note}") for clip, note in summary.warnings]
-        self.notes = tuple(notes)
         folder = self._folder / "work/reenact"
         path = folder / f"{name}.bvh"
         trace = submission.read_trace(folder / f"{name}.trace.json")
-        return Gesture(name, space.read(path, self.config), trace, path.read_bytes(), self.notes)
+        motion = space.read(path, self.config)
+        pelvis = settings_for(motion.skeleton, self.config).positions.root_joint
+        return Gesture(name, motion, trace, path.read_bytes(), pelvis, tuple(notes))
 
     def _as_given(self, text: str) -> str:
         """A message with the names of the files that were given, in place of ours."""

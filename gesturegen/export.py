@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import csv
 import io
+from pathlib import Path
 
 import numpy as np
 
-from gesturegen import __version__
+from gesturegen import __version__, files
 from gesturegen.extras import need
 from gesturegen.motion import kinematics, rotation
 from gesturegen.motion.skeleton import Motion
@@ -20,6 +21,21 @@ CENTIMETRES_PER_METRE = 100.0
 _STILL_POSITION, _STILL_ROTATION = 1e-5, 1e-7
 _FLOAT, _USHORT = 5126, 5123
 _ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
+
+
+def write(path: Path, motion: Motion, name: str, pelvis: str = "") -> None:
+    """Write a motion as what the file's name ends in, all or nothing: `.glb`, `.csv` or else arrays.
+
+    name, pelvis : of `to_glb`
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".glb":
+        data = to_glb(motion, name, pelvis)
+        files.write_bytes(path, lambda file: file.write(data))
+    elif suffix == ".csv":
+        files.write_text(path, to_csv(motion))
+    else:
+        files.write_arrays(path, to_arrays(motion))
 
 
 def to_arrays(motion: Motion) -> dict[str, np.ndarray]:

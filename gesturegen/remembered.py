@@ -66,9 +66,7 @@ def _first_sentence(path: Path) -> str:
     return re.split(r"(?<!et al)\. ", " ".join(comment))[0].rstrip(".")
 
 
-def load(
-    path: Path | None, overrides: Sequence[str], folders: Mapping[str, str]
-) -> tuple[Config, str | None]:  # fmt: skip
+def load(path: Path | None, overrides: Sequence[str], folders: Mapping[str, str]) -> tuple[Config, str | None]:
     """The settings of a command: the given file's, else the work folder's own, else the recommended ones.
 
     overrides, folders : as in `load_config`. The second value says in one line which settings were taken, None where

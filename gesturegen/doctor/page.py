@@ -99,13 +99,13 @@ def lines(content: Content) -> list[str]:
             ]
             for one in recordings
         ]
-        told += [*_aligned(table, last_left=True), ""]
+        told += [*_aligned(table), ""]
     found = [(one, f) for part in content.parts.values() for one in part for f in one.findings]
     told += [f"{one.name}: {f.kind}: {f.text}; {f.cure}" for one, f in found] or ["nothing odd was found"]
-    return [*told, "", *_aligned([["method", "can it", "why"], *map(list, content.methods)], last_left=True)]
+    return [*told, "", *_aligned([["method", "can it", "why"], *map(list, content.methods)])]
 
 
-def _aligned(table: Sequence[Sequence[str]], last_left: bool) -> list[str]:
+def _aligned(table: Sequence[Sequence[str]]) -> list[str]:
     widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
     return [
         "  ".join(

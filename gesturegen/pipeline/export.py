@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from gesturegen import export as formats
-from gesturegen import files, inputs
+from gesturegen import inputs
 from gesturegen.config import Config
 from gesturegen.extras import need
 from gesturegen.joints import settings_for
@@ -40,12 +40,6 @@ def export(
 def _export_clip(name: str, path: Path, kinds: tuple[str, ...], folder: Path, config: Config) -> None:
     inputs.require_usable_name(path)
     motion = space.read(path, config)
+    pelvis = settings_for(motion.skeleton, config).positions.root_joint
     for kind in kinds:
-        place = folder / f"{name}.{kind}"
-        if kind == "glb":
-            data = formats.to_glb(motion, name, settings_for(motion.skeleton, config).positions.root_joint)
-            files.write_bytes(place, lambda file, data=data: file.write(data))
-        elif kind == "csv":
-            files.write_text(place, formats.to_csv(motion))
-        else:
-            files.write_arrays(place, formats.to_arrays(motion))
+        formats.write(folder / f"{name}.{kind}", motion, name, pelvis)
