@@ -10,6 +10,7 @@ from gesturegen.config import Config
 from gesturegen.doctor.examination import Examined
 from gesturegen.graph.reference_frames import offset_tolerance
 from gesturegen.inputs import shown
+from gesturegen.joints import settings_for
 from gesturegen.remembered import changed_yaml
 
 # Of a method that shows whole gesture clips, and of one that looks into the future.
@@ -72,7 +73,8 @@ def methods(
         ("gesture_master", nothing or ("yes" if clips >= _FEW_GESTURES else "limited" if clips else "no"), why or f"{clips} gesture clips ({_FEW_GESTURES} or more are better)"),
     ]  # fmt: skip
     names = set(fit[0].skeleton.names) if fit else set()
-    missing = sorted(set(config.motion_matching.joints) - names)
+    own = settings_for(fit[0].skeleton, config) if fit else config
+    missing = sorted(set(own.motion_matching.joints) - names)
     able = "no" if missing else "yes" if minutes >= _FEW_MINUTES else "limited"
     text = (
         f"the skeleton lacks {', '.join(missing)}; give motion_matching.joints"
@@ -80,7 +82,7 @@ def methods(
         else f"{base} ({_FEW_MINUTES:g} or more are better)"
     )
     rows.append(("motion_matching", nothing or able, why or text))
-    hands = sorted({config.control.left, config.control.right} - names)
+    hands = sorted({own.control.left, own.control.right} - names)
     rows.append(
         (
             "control of the hands",

@@ -15,6 +15,7 @@ from gesturegen.motion import bvh
 from gesturegen.motion.skeleton import Motion
 from tests.builders import write_dataset
 from tests.commands import succeed, tree
+from tests.motion.test_roles import LAFAN
 
 RATE = demo.SAMPLE_RATE
 
@@ -223,3 +224,9 @@ def test_a_blacklist_of_any_name_loads(tmp_path):
     again = load_config(tmp_path / "best.yaml")
     assert list(again.blacklist) == ["old", *names] and again.exclude == best.exclude
     assert again.model_copy(update={"blacklist": best.blacklist}).signature() == best.signature()
+
+
+def test_joints_of_other_skeletons_are_known_by_their_roles():
+    one = examination.Examined("trn/a", seconds=400.0, skeleton=LAFAN)
+    able = {name: can for name, can, _ in dataset.methods([one], [one], 0, load_config())}
+    assert able["motion_matching"] == able["control of the hands"] == "yes"
