@@ -22,16 +22,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from gesturegen import clips, evaluation, files, pipeline, remembered, submission, tables
+from gesturegen import evaluation, files, pipeline, remembered, submission, tables
 from gesturegen import export as formats
-from gesturegen.config import Config, load_config
+from gesturegen.data import clips
+from gesturegen.data.recordings import Recording
 from gesturegen.errors import ConfigError, DataError
 from gesturegen.joints import settings_for
 from gesturegen.motion import cleanup, space
 from gesturegen.motion.skeleton import Motion
 from gesturegen.parallel import describe_bugs
 from gesturegen.pipeline.evaluate import locate_file, read_heard, require_same_joints
-from gesturegen.recordings import Recording
+from gesturegen.settings.loading import load_config
+from gesturegen.settings.models import Config
 
 Place = str | os.PathLike[str]
 

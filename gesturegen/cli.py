@@ -27,7 +27,7 @@ from gesturegen.inputs import control_character
 
 if TYPE_CHECKING:
     from gesturegen.ablation.plan import Plan
-    from gesturegen.config import Config
+    from gesturegen.settings.models import Config
 
 
 @click.group(cls=Program, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -313,7 +313,7 @@ def ablate(config: Plan, jobs: int, quiet: bool, keep: bool) -> None:
 
 def _load_comparison(path: Path | None, overrides: tuple[str, ...], folders: dict[str, str]) -> Plan:
     from gesturegen.ablation.plan import load_plan
-    from gesturegen.config import configs_folder
+    from gesturegen.settings.loading import configs_folder
 
     return load_plan(path or configs_folder() / "compare.yaml", overrides, folders)
 

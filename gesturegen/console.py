@@ -23,8 +23,8 @@ from gesturegen.parallel import default_jobs, describe_bugs
 
 if TYPE_CHECKING:
     from gesturegen.ablation.plan import Plan
-    from gesturegen.config import Config
     from gesturegen.pipeline import Summary
+    from gesturegen.settings.models import Config
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 FILE = click.Path(path_type=Path, dir_okay=False)
@@ -175,14 +175,14 @@ def run_and_print(
     that are written, by this command alone; hint : what to do when it was stopped
     """
     supervision.set_hint(hint)
-    from gesturegen import workspace
+    from gesturegen import locks
 
     if quiet and supervision.is_watched():  # of libraries, here and in the workers
         warnings.simplefilter("ignore")
         os.environ["PYTHONWARNINGS"] = "ignore"
     context = click.get_current_context()
     say = (lambda line: None) if quiet else (lambda line: click.echo(line, err=True))
-    with one_line_errors(), workspace.locked(writes, _command_line(context), context.meta.get("wait", False), say):
+    with one_line_errors(), locks.locked(writes, _command_line(context), context.meta.get("wait", False), say):
         from gesturegen import pipeline
 
         with _remembering(context, say):

@@ -14,13 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from gesturegen import viewer
-from gesturegen.clips import select_joints
-from gesturegen.config import Config
 from gesturegen.control import hands
 from gesturegen.control.measures import UNITS
 from gesturegen.control.schedule import Demand, Measures, achieved
-from gesturegen.gestures import cutting, rhythm
-from gesturegen.graph.reference_frames import ReferenceFrames
+from gesturegen.data.clips import select_joints
+from gesturegen.frames import ReferenceFrames
 from gesturegen.joints import hand_names, settings_for
 from gesturegen.metrics import (
     beats,
@@ -37,6 +35,8 @@ from gesturegen.metrics import (
 )
 from gesturegen.motion import kinematics, space
 from gesturegen.motion.skeleton import Motion
+from gesturegen.settings.models import Config
+from gesturegen.speech import cutting, rhythm
 from gesturegen.submission import shown_nodes
 
 NAN = float("nan")
@@ -277,14 +277,14 @@ def _measure_rhythm(generated: Joints, words: Sequence[tuple[float, float]], con
 
     By chance: the same with the bits of the motion turned round within their clip, over all turns.
     """
-    settings, fps = config.gesture_master, generated.fps
-    speeds = rhythm.hand_speeds(generated.relative[:, generated.wrists], fps, settings.rhythm.smoothing_seconds)
-    cuts = [cut for cut in cutting.cut(words, len(speeds), fps, settings.cutting) if not cut.rest]
+    settings, fps = config.rhythm, generated.fps
+    speeds = rhythm.hand_speeds(generated.relative[:, generated.wrists], fps, settings.smoothing_seconds)
+    cuts = [cut for cut in cutting.cut(words, len(speeds), fps, config.cutting) if not cut.rest]
     if not cuts:
         return {}
-    said = np.array([rhythm.of_words(words, cut.start / fps, cut.end / fps, settings.rhythm) for cut in cuts])
-    moved = np.array([rhythm.of_motion(speeds[cut.start : cut.end], settings.rhythm) for cut in cuts])
-    turned = [rhythm.agreement(said, np.roll(moved, turn, axis=1)) for turn in range(1, settings.rhythm.bits)]
+    said = np.array([rhythm.of_words(words, cut.start / fps, cut.end / fps, settings) for cut in cuts])
+    moved = np.array([rhythm.of_motion(speeds[cut.start : cut.end], settings) for cut in cuts])
+    turned = [rhythm.agreement(said, np.roll(moved, turn, axis=1)) for turn in range(1, settings.bits)]
     return {"rhythm": rhythm.agreement(said, moved), "rhythm_by_chance": float(np.mean(turned))}
 
 

@@ -11,19 +11,12 @@ from difflib import get_close_matches
 
 import numpy as np
 
-from gesturegen.config import (
-    GENEA_JOINTS,
-    Config,
-    Control,
-    Evaluation,
-    Feet,
-    MotionMatching,
-    Positions,
-    Wrists,
-)
+from gesturegen.methods import METHODS
 from gesturegen.motion import body, roles
 from gesturegen.motion.roles import SIDES, Roles
 from gesturegen.motion.skeleton import Skeleton
+from gesturegen.settings.control import Control
+from gesturegen.settings.models import GENEA_JOINTS, Config, Evaluation, Feet, Positions, Wrists
 
 # Intrinsic orders that begin with the axis along a bone.
 _ROLL_FIRST = ("XYZ", "YZX", "ZXY")
@@ -68,11 +61,13 @@ def settings_for(skeleton: Skeleton, config: Config) -> Config:
         side: sides[side][0] for side in SIDES
         if sides[side] and unknown(getattr(config.control, side), getattr(Control(), side))
     })  # fmt: skip
-    if unknown(config.motion_matching.joints, MotionMatching().joints):
-        put(
-            "motion_matching",
-            joints=named([*found.pair("elbow"), *found.pair("wrist"), *_finger_roots(skeleton, found)]),
-        )
+    stand_ins = {**{part: found.pair(part) for part in roles.LIMBS}, "finger_roots": _finger_roots(skeleton, found)}
+    for method in METHODS.values():
+        for key, parts in method.joint_settings.items():
+            section, _, name = key.partition(".")
+            own = getattr(config, section)
+            if unknown(getattr(own, name), getattr(type(own)(), name)):
+                put(section, **{name: named([joint for part in parts for joint in stand_ins[part]])})
     evaluation = {}
     if unknown(config.evaluation.seam_joints, Evaluation().seam_joints):
         middle = [found["pelvis"], *found.spine[-1:], found["head"]]

@@ -8,40 +8,13 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 from gesturegen import supervision
 from gesturegen.errors import GesturegenError
 from gesturegen.inputs import shown
-
-_SEARCHES = ("graph", "beam", "global", "gestures", "matching")
-# What `warm_up` is to compile before the workers of a stage start, by the first word of its label.
-_LOOPS = {
-    "preprocess": ("speech",),
-    "build-graph": ("graph", "gestures", "matching"),
-    "reenact": _SEARCHES,
-    "ablate": _SEARCHES,
-    "compare": _SEARCHES,
-    "render": ("video",),
-}
-
-
-@dataclass
-class Outcome:
-    """What became of each clip, by name in sorted order.
-
-    done : results; errors : one line each, the user's to mend; bugs : tracebacks, ours to mend
-    """
-
-    done: dict[str, Any] = field(default_factory=dict)
-    errors: dict[str, str] = field(default_factory=dict)
-    bugs: dict[str, str] = field(default_factory=dict)
-
-    @property
-    def failed(self) -> int:
-        return len(self.errors) + len(self.bugs)
+from gesturegen.outcome import Outcome
 
 
 def default_jobs() -> int:
@@ -58,10 +31,10 @@ def for_each(
     the same for any `jobs`. With one job, or one task, everything runs in this process; `fresh` gives every task a
     process of its own instead. A task whose process dies is an error that names the signal; the others go on.
     """
-    if groups := _LOOPS.get(label.partition(":")[0]):
+    if tasks:
         from gesturegen import warm_up
 
-        warm_up.prepare(groups, quiet)
+        warm_up.prepare_stage(label.partition(":")[0], quiet)
     outcome = Outcome()
     guarded = {name: partial(_guarded, tasks[name]) for name in sorted(tasks)}
     with _stage(label, len(guarded), quiet) as bar:

@@ -17,8 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from gesturegen import files, inputs, strict_yaml
-from gesturegen.config import Config, configs_folder, load_config
 from gesturegen.errors import ConfigError, GesturegenError
+from gesturegen.settings.loading import configs_folder, load_config
+from gesturegen.settings.models import PLACES, Config
 
 NAME = "config.yaml"
 _CHECKSUM = "# sha256: "
@@ -28,7 +29,7 @@ OTHERS = "files that settings name"
 _FOLDERS = ("paths.data", "data.references", "data.tests")
 _PLACES = (*_FOLDERS, "control.library", "refiner.checkpoint", "references.list")
 # What is measured does not change what was made, and a work folder may be moved.
-_HARMLESS = ("paths.work", "evaluation", "keywords.file", "control.file", "gesture_master.rhythm.corrections_file")
+_HARMLESS = ("paths.work", "evaluation", *(key for key in PLACES if key.endswith("file")))
 _MOST_KEYS = 6
 
 

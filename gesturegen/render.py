@@ -14,13 +14,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from gesturegen.clips import Reference, select_joints
-from gesturegen.config import Config
-from gesturegen.graph.reference_frames import ReferenceFrames
+from gesturegen.data.clips import Reference, select_joints
+from gesturegen.frames import ReferenceFrames
 from gesturegen.joints import fingers, settings_for
 from gesturegen.motion import blend, body, cleanup, feet, kinematics, rotation, smoothing, splice
 from gesturegen.motion.skeleton import Motion, Skeleton, written_of
-from gesturegen.search.path import Path, Piece, Track, resampled_indices
+from gesturegen.path import Path, Piece, Track, resampled_indices
+from gesturegen.settings.models import Config
 
 # Of times, which are sums of fractions.
 _ROUNDING = 1e-9

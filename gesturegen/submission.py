@@ -9,18 +9,20 @@ from pathlib import Path
 
 import numpy as np
 
-from gesturegen import __version__, files, keynodes
-from gesturegen.clips import Speech
-from gesturegen.config import Config
+from gesturegen import __version__, files
 from gesturegen.control.schedule import Demand
+from gesturegen.data import keynodes
+from gesturegen.data.clips import Speech
+from gesturegen.data.keynodes import KeyNodes
 from gesturegen.errors import DamagedError, DataError
-from gesturegen.graph.reference_frames import ReferenceFrames
-from gesturegen.keynodes import KeyNodes
+from gesturegen.frames import ReferenceFrames
+from gesturegen.methods import METHODS
 from gesturegen.motion import bvh, rotation
 from gesturegen.motion.skeleton import Motion, Skeleton
+from gesturegen.path import Path as SearchPath
+from gesturegen.path import Piece, Track, resampled_indices
 from gesturegen.runs import runs
-from gesturegen.search.path import Path as SearchPath
-from gesturegen.search.path import Piece, Track, resampled_indices
+from gesturegen.settings.models import Config
 from gesturegen.stored import documents
 
 # A torn frame turns a joint by a right angle or more; recorded gestures and blends stay well below, unless the recording
@@ -126,7 +128,13 @@ def read_trace_if_current(folder: Path, name: str, inputs: str) -> dict | None:
 
 def read_trace(path: Path) -> dict:
     """A stored trace; DataError when it cannot be read, DamagedError when it is not as it was written."""
-    return documents.read(path, documents.Trace, "reenact")
+    trace = documents.read(path, documents.Trace, "reenact")
+    if trace["method"] not in METHODS:
+        raise DamagedError(
+            f"{path}: made by method {trace['method']!r}, which this version of gesturegen does not have; "
+            "run `gesturegen reenact` again"
+        )
+    return trace
 
 
 def require_unchanged(path: Path, trace: Mapping) -> None:

@@ -11,14 +11,14 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from gesturegen.config import Config
-from gesturegen.graph.reference_frames import ReferenceFrames
+from gesturegen.frames import ReferenceFrames
 from gesturegen.joints import settings_for
 from gesturegen.metrics import alignment, beats, detectability, frechet, knees, stillness
 from gesturegen.motion import kinematics, mirror
 from gesturegen.motion.feet import leg_of
 from gesturegen.motion.skeleton import Motion
 from gesturegen.randomness import generator
+from gesturegen.settings.models import Config
 
 NAN = float("nan")
 # Of each reading of alignment: `_deviation` is in no table, but forms the z of several clips.

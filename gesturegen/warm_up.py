@@ -13,17 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from gesturegen.clips import Speech
 from gesturegen.compiled import hook, is_switched_on, store
-from gesturegen.config import Continuity, MotionMatching, load_config
-from gesturegen.gestures import transitions
-from gesturegen.gestures.transitions import Borders
-from gesturegen.graph import motion_graph
-from gesturegen.graph.motion_graph import MotionGraph
-from gesturegen.keynodes import KeyNodes
-from gesturegen.motion import rotation
-from gesturegen.motion.skeleton import read_only
-from gesturegen.search import beam, global_search, nearest, viterbi
+from gesturegen.methods import METHODS
+from gesturegen.settings.loading import load_config
 from gesturegen.speech import acoustics, audio, prosody
 from gesturegen.video import _kernels as video_kernels
 
@@ -82,48 +74,6 @@ def _compile_speech() -> None:
     acoustics.measure(samples, 16000, config.acoustics)
 
 
-def _small_graph() -> MotionGraph:
-    positions = np.cumsum(np.random.default_rng(0).normal(size=(50, 2, 3)), axis=0).astype(np.float32)
-    key_nodes = KeyNodes(np.array([20, 49]), np.array(["onset", "break"]), np.array(["", ""]))
-    # Graphs' arrays are read-only, which is a type of its own to numba.
-    return motion_graph.from_positions(
-        positions, np.array([0]), Continuity(),
-        joint_names=("a", "b"), fps=30.0, clip_names=("noise",), clip_starts=np.array([0]),
-        source_frames=np.arange(50), key_nodes=key_nodes, speaking=np.arange(50) < 40,
-    )  # fmt: skip
-
-
-def _compile_beam() -> None:
-    graph = _small_graph()
-    beam.search(graph, graph.stop_nodes(None), np.array([0]), 20, load_config().beam)
-
-
-def _compile_global() -> None:
-    graph, speech, config = _small_graph(), Speech("noise", np.array([0.5]), (), 40, 30.0), load_config()
-    global_search.search(graph, speech, config)
-    # So short a path shows nothing again, for which windows of it would be solved again.
-    problem = global_search.Problem(global_search.price_list(graph, speech, config), speech.n_frames)
-    problem.solve_again(problem.solve(), 10, 20)
-
-
-def _compile_gestures() -> None:
-    rng = np.random.default_rng(0)
-    poses = Borders(rng.normal(size=(3, 2, 2, 3)).astype(np.float32), np.tile(rotation.IDENTITY, (3, 2, 2, 1)))
-    found = transitions.edges(poses, poses, 0, 3, 1.0, 1.0, np.inf)
-    transitions.quantile(poses, poses, 0.5, 1.0, 1.0, rng)
-    indptr = np.append(0, np.cumsum(found[0]))
-    edges = viterbi.InEdges(*(read_only(array) for array in (indptr, *found[1:])))
-    viterbi.search(rng.normal(size=(2, 3)), edges, 1.0, 1.0, np.arange(3), 1.0)
-
-
-def _compile_matching() -> None:
-    rng = np.random.default_rng(0)
-    poses, sounds = (rng.normal(size=(20, width)).astype(np.float32) for width in (3, 2))
-    candidates = nearest.Candidates(poses, sounds, np.array([0, 10]), np.array([10, 20]), np.arange(20) % 10 < 8)
-    for settings in (MotionMatching(preselect=by) for by in ("pose", "audio")):
-        nearest.search(candidates, [sounds[:2]], poses[:1], 1, settings)
-
-
 def _compile_video() -> None:
     image, segments, radii, colours = (
         np.zeros((8, 8, 3), np.uint8),
@@ -135,15 +85,35 @@ def _compile_video() -> None:
     video_kernels.to_yuv420(image, np.empty((12, 8), np.uint8))
 
 
+def _of_methods(stage: str) -> dict[str, Callable[[], object]]:
+    return {
+        name: compile_loops
+        for method in METHODS.values()
+        for name, compile_loops in getattr(method, f"{stage}_loops")().items()
+    }
+
+
 GROUPS: dict[str, Callable[[], object]] = {
     "speech": _compile_speech,
-    "graph": _small_graph,
-    "beam": _compile_beam,
-    "global": _compile_global,
-    "gestures": _compile_gestures,
-    "matching": _compile_matching,
+    **_of_methods("build"),
+    **_of_methods("search"),
     "video": _compile_video,
 }
+_EVERY_SEARCH = (*_of_methods("build"), *_of_methods("search"))
+# What is compiled before the workers of a stage start, by the first word of its label.
+_STAGES: dict[str, tuple[str, ...]] = {
+    "preprocess": ("speech",),
+    "build-graph": tuple(_of_methods("build")),
+    "reenact": _EVERY_SEARCH,
+    "ablate": _EVERY_SEARCH,
+    "compare": _EVERY_SEARCH,
+    "render": ("video",),
+}
+
+
+def prepare_stage(stage: str, quiet: bool = True) -> None:
+    """Compile what the workers of a stage of a command need, if that is not yet kept."""
+    prepare(_STAGES.get(stage, ()), quiet)
 
 
 if __name__ == "__main__":

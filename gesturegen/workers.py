@@ -21,7 +21,7 @@ from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
 from typing import Any
 
-from gesturegen import supervision, workspace
+from gesturegen import locks, supervision
 from gesturegen.errors import DataError
 
 # A worker has one processor: the last digits of sums must not depend on how many there are.
@@ -58,7 +58,7 @@ class Worker:
 
     def send(self, task: bytes) -> None:
         """Give it a pickled task; OSError when it is dead."""
-        socket.send_fds(self.socket, [b"\0"], list(workspace.held()))
+        socket.send_fds(self.socket, [b"\0"], list(locks.held()))
         self.connection.send_bytes(task)
 
     def receive(self) -> Any:

@@ -31,17 +31,20 @@ from pathlib import Path
 import click
 import numpy as np
 
-from gesturegen import clips, demo, keynodes, recordings, render
-from gesturegen.config import Config, configs_folder, load_config
-from gesturegen.gestures import database
-from gesturegen.gestures.extraction import BODIES, extract
-from gesturegen.graph import motion_graph
-from gesturegen.methods import METHODS, gesture_master
+from gesturegen import demo, render
+from gesturegen.data import clips, keynodes, recordings
+from gesturegen.methods import METHODS, libraries
+from gesturegen.methods.gesture_master import database, viterbi
+from gesturegen.methods.gesture_master import search as gesture_master
+from gesturegen.methods.gesture_master.extraction import BODIES, extract
+from gesturegen.methods.motion_graph import global_search
+from gesturegen.methods.motion_graph import graph as motion_graph
 from gesturegen.motion import bvh
 from gesturegen.parallel import default_jobs
 from gesturegen.pipeline import Summary, build_graphs, common, preprocess, reenact
 from gesturegen.randomness import generator
-from gesturegen.search import global_search, viterbi
+from gesturegen.settings.loading import configs_folder, load_config
+from gesturegen.settings.models import Config
 from gesturegen.speech import audio, prosody
 from tests import naive
 
@@ -153,7 +156,7 @@ def prepare(folder: Path, stage: str, slow: bool) -> tuple[Callable, Callable]:
             lambda: motion_graph.build([short(recorded[0], WARM_UP)], config),
             lambda: motion_graph.build(recorded, config),
         )
-    graph = motion_graph.load(graph_path(folder))
+    graph = libraries.read(graph_path(folder))
     if stage == BUILD:
         return None, lambda: naive.build(graph.positions, graph.segment_starts, config.continuity)
     said = speech(folder)
@@ -212,10 +215,10 @@ def prepare_clips(folder: Path, stage: str, slow: bool) -> tuple[Callable | None
         # Any search looks at all edges once, so that the file is in the system's cache when it is timed.
         beginning = replace(said, n_frames=WARM_UP)
         return (
-            lambda: search(gesture_master.load(stored), beginning, config),
-            lambda: search(gesture_master.load(stored), said, config),
+            lambda: search(libraries.read(stored), beginning, config),
+            lambda: search(libraries.read(stored), said, config),
         )
-    problems = clip_problems(gesture_master.load(stored), said, config)
+    problems = clip_problems(libraries.read(stored), said, config)
     if slow:
         return None, lambda: [naive_clips(*problem) for problem in problems]
     return (lambda: [viterbi.search(*problem) for problem in problems],) * 2
@@ -267,11 +270,11 @@ def measure(folder: Path, stage: str, slow: bool) -> dict:
     figures = {"seconds": time.perf_counter() - start, "cpu": time.process_time() - started}
     figures["megabytes"] = peak_megabytes()
     if stage in SEARCHES:
-        figures["pairs"] = motion_graph.load(graph_path(folder)).n_nodes * speech(folder).n_frames
+        figures["pairs"] = libraries.read(graph_path(folder)).n_nodes * speech(folder).n_frames
     if isinstance(result, Summary):
         require_success(result)
     if stage == BUILD and not slow:
-        motion_graph.save(graph_path(folder), result, settings(folder))
+        libraries.save(graph_path(folder), METHODS["motion_graph"], result, settings(folder))
     return figures
 
 
@@ -325,11 +328,11 @@ def make_work(folder: Path) -> Path:
 
 def describe(folder: Path, stage: str) -> str:
     if stage == BUILD:
-        graph = motion_graph.load(graph_path(folder))
+        graph = libraries.read(graph_path(folder))
         edges = f"{int(np.sum(~graph.natural))} unnatural edges, {graph_path(folder).stat().st_size / 1e6:.0f} MB"
         return f"{graph.n_nodes} frames of {len(graph.joint_names)} joints, {edges}"
     (path,) = (folder / "work" / "graphs").glob("*.npz")
-    found = gesture_master.load(path)
+    found = libraries.read(path)
     own = int(np.sum(found.twins >= np.arange(len(found.twins))))
     edges = f"{len(found.upper_sources)} and {len(found.lower_sources)} edges, {path.stat().st_size / 1e6:.0f} MB"
     return f"{len(found.starts)} gesture clips, {own} of them not mirrored, {edges}"

@@ -28,7 +28,7 @@ from click.testing import CliRunner
 from gesturegen import demo
 from gesturegen.ablation.summary import MEASURED_TIME
 from gesturegen.cli import main as gesturegen
-from gesturegen.config import configs_folder
+from gesturegen.settings.loading import configs_folder
 
 GOLDEN = Path(__file__).parent.parent / "tests" / "golden" / "ablation.json"
 TOLERANCE = 1e-5

@@ -18,7 +18,8 @@ import numpy as np
 
 from gesturegen import files
 from gesturegen.errors import GesturegenError
-from gesturegen.gestures import database
+from gesturegen.methods import libraries
+from gesturegen.methods.gesture_master import database
 from gesturegen.motion import bvh
 
 ROUNDING = 1e-9
@@ -35,7 +36,7 @@ def broken(work: Path) -> Iterator[str]:
             yield f"{work}: {row['clip']}: {row['error']}"
             continue
         trace = files.read_json(work / "reenact" / f"{row['clip']}.trace.json")
-        stored = database.load(work / "graphs" / f"{trace['graph']}.npz")
+        stored = libraries.read(work / "graphs" / f"{trace['graph']}.npz")
         motion = bvh.read(work / "reenact" / f"{row['clip']}.bvh")
         found = list(_of_trace(trace, stored, manifest["config"]["gesture_master"]))
         if motion.n_frames != trace["n_frames"]:

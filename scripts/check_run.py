@@ -16,7 +16,8 @@ from pathlib import Path
 
 import soundfile
 
-from gesturegen import files, recordings, submission
+from gesturegen import files, submission
+from gesturegen.data import recordings
 from gesturegen.errors import GesturegenError
 from gesturegen.motion import bvh
 

@@ -20,10 +20,10 @@ import numpy as np
 import yaml
 
 from gesturegen import files, viewer
-from gesturegen.config import load_config
 from gesturegen.metrics import alignment
 from gesturegen.pipeline import build_graphs, evaluate, preprocess, reenact
 from gesturegen.pipeline.common import read_index
+from gesturegen.settings.loading import load_config
 
 matplotlib.use("Agg")
 from matplotlib import pyplot

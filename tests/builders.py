@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from gesturegen.config import Config, load_config
 from gesturegen.motion import bvh
 from gesturegen.motion.skeleton import Motion, Skeleton
+from gesturegen.settings.loading import load_config
+from gesturegen.settings.models import Config
 from tests import tiny
 
 POSITIONS = ("Xposition", "Yposition", "Zposition")

@@ -11,14 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gesturegen import clips, submission
+from gesturegen import submission
 from gesturegen.ablation import causes, reference_length, summary, tables
 from gesturegen.ablation.plan import SHARED, load_plan
-from gesturegen.config import load_config
+from gesturegen.data import clips
 from gesturegen.errors import ConfigError
-from gesturegen.graph import motion_graph
+from gesturegen.methods import libraries
+from gesturegen.methods.motion_graph import global_search
 from gesturegen.pipeline.ablate import shared_graphs
-from gesturegen.search import global_search
+from gesturegen.settings.loading import load_config
 from scripts.check_ablation import broken_guarantees, differences, reproducible
 from tests import naive, tiny
 from tests.builders import bursts, chain, refused, write_audio, write_clip
@@ -253,7 +254,7 @@ def test_the_objective_is_the_global_searchs_for_every_setup(recorded, prepared,
         trace = json.loads((prepared / f"ablation/global/0/{clip}.trace.json").read_text())
         assert rows["global", clip]["objective"] == pytest.approx(trace["objective"]["final"]["total"])
         trace = json.loads((prepared / f"ablation/beam/0/{clip}.trace.json").read_text())
-        graph = motion_graph.load(prepared / f"ablation/beam/graphs/{trace['graph']}.npz")
+        graph = libraries.read(prepared / f"ablation/beam/graphs/{trace['graph']}.npz")
         speech = clips.load(prepared / f"clips/{clip}.npz", base, with_motion=False).test_speech(base)
         prices = global_search.price_list(graph, speech, base)
         # What each output frame shows, for pieces of the beam are stretched to their targets.

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gesturegen.config import load_config
 from gesturegen.motion import bvh
+from gesturegen.settings.loading import load_config
 from tests import tiny
 from tests.builders import bursts, chain, data_folder, write_audio, write_clip
 from tests.commands import errors, run, succeed, tree
@@ -416,7 +416,7 @@ def test_a_damaged_graph_says_so(finished, recorded, tmp_path):
 
 
 def test_a_bug_keeps_its_traceback_and_harms_no_other_clip(finished, recorded, tmp_path, monkeypatch):
-    from gesturegen.methods import motion_graph
+    from gesturegen.methods.motion_graph import search as motion_graph
 
     search = motion_graph.search
 

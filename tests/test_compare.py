@@ -10,9 +10,9 @@ import pytest
 
 from gesturegen import evaluation
 from gesturegen.ablation.plan import load_plan
-from gesturegen.config import load_config
 from gesturegen.parallel import for_each
 from gesturegen.pipeline.compare import MACHINE_MEASURES, _peak_megabytes
+from gesturegen.settings.loading import load_config
 from tests import tiny
 from tests.builders import chain, write_clip
 from tests.commands import errors, run, succeed, tree

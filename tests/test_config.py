@@ -6,10 +6,11 @@ import pytest
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from gesturegen import config as config_module
-from gesturegen.config import Config, configs_folder, layer_config, load_config
 from gesturegen.errors import ConfigError
 from gesturegen.randomness import generator
+from gesturegen.settings import loading
+from gesturegen.settings.loading import configs_folder, layer_config, load_config
+from gesturegen.settings.models import Config
 from tests.builders import literally, refused
 
 
@@ -119,7 +120,7 @@ def test_every_config_that_comes_with_gesturegen_loads():
 REFUSED = {
     "unknown section": ("continuty: {}", 1, "unknown key 'continuty'; did you mean 'continuity'?"),
     "unknown key": ("seed: 1\ncontinuity:\n  l_pm: 3", 3, "unknown key 'continuity.l_pm'; did you mean 'l_pn'?"),
-    "nothing like it": ("zzz: 1", 1, "unknown key 'zzz'; allowed here: method, search, seed"),
+    "nothing like it": ("zzz: 1", 1, "unknown key 'zzz'; allowed here: method, search, beam"),
     "key of another section": ("beam:\n  q: 1", 2, "unknown key 'beam.q'; allowed here: l_npaths, lambda_w"),
     "key in a list": (
         "exclude:\n- clip: a\n  from: 0\n  to: 1\n  too: 2",
@@ -843,7 +844,7 @@ def test_section_json_is_canonical():
 def test_configs_are_found_inside_the_package_first(tmp_path, monkeypatch):
     package = tmp_path / "gesturegen"
     package.mkdir()
-    monkeypatch.setattr(config_module, "__file__", str(package / "config.py"))
+    monkeypatch.setattr(loading, "__file__", str(package / "settings/loading.py"))
     assert configs_folder() == tmp_path / "configs"
     (package / "configs").mkdir()
     assert configs_folder() == package / "configs"

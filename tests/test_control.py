@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gesturegen.config import configs_folder
 from gesturegen.control.measures import hand_measures
 from gesturegen.demo import dataset
+from gesturegen.settings.loading import configs_folder
 from gesturegen.stored import documents
 from tests.builders import data_folder
 from tests.commands import errors, run, succeed

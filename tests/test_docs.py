@@ -12,7 +12,8 @@ from click.testing import CliRunner
 
 from gesturegen.ablation.plan import load_plan
 from gesturegen.cli import main
-from gesturegen.config import Config, load_config
+from gesturegen.settings.loading import load_config
+from gesturegen.settings.models import Config
 
 TOP = Path(__file__).parent.parent
 README = (TOP / "README.md").read_text()
@@ -166,7 +167,7 @@ def test_the_readme_names_every_measure_and_reference_mode():
 
 
 def test_the_readme_names_every_array_of_a_matching_database():
-    from gesturegen.matching.database import MatchingDatabase
+    from gesturegen.methods.motion_matching.database import MatchingDatabase
 
     for name in MatchingDatabase.__dataclass_fields__:
         assert re.search(rf"`{name}[ `(]", README) or name == "key_nodes", name

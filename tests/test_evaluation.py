@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from gesturegen import evaluation, submission
-from gesturegen.clips import Speech
-from gesturegen.graph import motion_graph
-from gesturegen.keynodes import of_speech
+from gesturegen.data.clips import Speech
+from gesturegen.data.keynodes import of_speech
+from gesturegen.methods.motion_graph import graph as motion_graph
 from gesturegen.metrics import beats, frechet, genea, synchrony
 from gesturegen.metrics.feet import FootSkate
+from gesturegen.path import Path, Piece, Target, Track
 from gesturegen.render import render
-from gesturegen.search.path import Path, Piece, Target, Track
 from tests import tiny
 
 CONFIG = tiny.config()

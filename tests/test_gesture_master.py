@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gesturegen.config import configs_folder
 from gesturegen.demo import dataset
+from gesturegen.methods.gesture_master import building as build_database
 from gesturegen.motion import bvh
-from gesturegen.pipeline import build_database
+from gesturegen.settings.loading import configs_folder
 from gesturegen.stored import arrays as stored_arrays
 from tests import tiny
 from tests.builders import chain, write_clip
 from tests.commands import errors, run, succeed, tree
 from tests.faults.faulty import Fault, run_with
-from tests.gestures import gesture_builders
+from tests.methods.gesture_master import gesture_builders
 
 PAPER = configs_folder() / "gesture_master_2022.yaml"
 CUTTING = "gesture_master.cutting={gap_seconds: 0.2, rest_seconds: 0.6, min_seconds: 0.5, max_seconds: 2.0}"

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gesturegen.methods.gesture_master import building as build_database
 from gesturegen.motion import bvh
-from gesturegen.pipeline import build_database
 from gesturegen.stored import arrays as stored_arrays
 from tests import test_gesture_master as usual
 from tests.builders import make_skeleton, write_audio
 from tests.commands import errors, tree
-from tests.gestures import gesture_builders
+from tests.methods.gesture_master import gesture_builders
 from tests.test_gesture_master import RESULT, TESTS, command, commands, database, inspected, parts, settings, trace
 
 BUILD = ("preprocess", "build-graph")

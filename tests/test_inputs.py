@@ -10,10 +10,10 @@ from click.testing import CliRunner
 
 from gesturegen import inputs
 from gesturegen.cli import main
-from gesturegen.config import load_config
 from gesturegen.errors import ConfigError, DataError
 from gesturegen.files import sha256
 from gesturegen.motion import bvh, positions
+from gesturegen.settings.loading import load_config
 from gesturegen.speech import audio, transcripts
 from tests.builders import bvh_text, refused, write_clip
 

@@ -10,18 +10,20 @@ from click.testing import CliRunner
 
 from gesturegen import submission
 from gesturegen.cli import main
-from gesturegen.config import load_config
+from gesturegen.data.keynodes import of_speech
 from gesturegen.errors import DataError
-from gesturegen.gestures import database as database_module
-from gesturegen.gestures.extraction import extract
-from gesturegen.graph import motion_graph
-from gesturegen.inspection import databases, graphs, traces
-from gesturegen.keynodes import of_speech
-from gesturegen.methods import METHODS, load_library
+from gesturegen.inspection import traces
+from gesturegen.methods import METHODS, libraries
+from gesturegen.methods.gesture_master import database as database_module
+from gesturegen.methods.gesture_master import description as databases
+from gesturegen.methods.gesture_master.extraction import extract
+from gesturegen.methods.motion_graph import description as graphs
+from gesturegen.methods.motion_graph import graph as motion_graph
 from gesturegen.pipeline import inspect
+from gesturegen.settings.loading import load_config
 from gesturegen.stored import arrays
 from tests import tiny
-from tests.gestures import gesture_builders as builders
+from tests.methods.gesture_master import gesture_builders as builders
 
 # Two segments, 0-5 and 6-9. The edge 4 -> 1 closes a cycle of four; 6-9 hang on by 2 -> 7 only.
 ROWS = [(2, "onset"), (5, "keyword", "greeting"), (8, "keyword", "greeting"), (9, "onset")]
@@ -35,7 +37,7 @@ def graph():
 @pytest.fixture
 def work(tmp_path, graph) -> Path:
     """A work folder with that graph and the trace of a speech found in it."""
-    motion_graph.save(tmp_path / "graphs/clip.npz", graph, load_config())
+    libraries.save(tmp_path / "graphs/clip.npz", METHODS["motion_graph"], graph, load_config())
     path = tiny.path_of(([0, 1, 2], 4), [3, 4, 1, 2], [8, 9])
     speech = tiny.speech(10, [4, 8], name="talk")
     trace = submission.make_trace(path, graph, "clip", speech, of_speech(speech, {}), load_config())
@@ -125,11 +127,11 @@ def test_json_and_plot(target, work):
 
 
 def test_a_plot_of_many_edges_is_a_density(tmp_path, monkeypatch):
-    from gesturegen.inspection import plots
+    from gesturegen.methods.motion_graph import description
 
-    monkeypatch.setattr(plots, "_MOST_DOTS", 3)
+    monkeypatch.setattr(description, "_MOST_DOTS", 3)
     with open(tmp_path / "many.png", "wb") as file:
-        plots.plot_graph(tiny.random_graph(np.random.default_rng(0), 30), "many", file)
+        description.plot_graph(tiny.random_graph(np.random.default_rng(0), 30), "many", file)
     assert (tmp_path / "many.png").stat().st_size > 5000
 
 
@@ -186,13 +188,13 @@ def references():
 
 @pytest.fixture(scope="module")
 def database(references):
-    return MASTER.build(references, GESTURES)
+    return database_module.build(references, GESTURES)
 
 
 @pytest.fixture
 def stored(tmp_path, database) -> Path:
     """A work folder with that database and the trace of a speech found in it."""
-    database_module.save(tmp_path / "graphs/both.npz", database, GESTURES)
+    libraries.save(tmp_path / "graphs/both.npz", METHODS["gesture_master"], database, GESTURES)
     speech = builders.speech(240, builders.words(np.random.default_rng(3), 240), name="talk")
     path = MASTER.search(database, speech, GESTURES, np.random.default_rng(0))
     trace = submission.make_trace(path, database, "both", speech, of_speech(speech, {}), GESTURES)
@@ -291,7 +293,7 @@ def test_of_many_clips_the_first_are_listed():
     rng = np.random.default_rng(4)
     many = [builders.reference(rng, 2400, name) for name in ("used", "unused")]
     config = builders.config({"quality": {"exclude": ("unused@*",)}})
-    database = MASTER.build(many, config)
+    database = database_module.build(many, config)
     facts = databases.describe_database(database)
     kept, dropped = len(facts["clips"]), len(facts["dropped"])
     assert kept > 40 and dropped > 20 and facts["dropped_kinds"]["excluded"] > 20
@@ -304,7 +306,7 @@ def test_of_many_clips_the_first_are_listed():
 
 def test_a_database_with_a_regression_and_without_mirrored_copies(references):
     config = builders.config({"style": {"source": "predict"}, "mirror": False})
-    facts = databases.describe_database(MASTER.build(references, config))
+    facts = databases.describe_database(database_module.build(references, config))
     lines = databases.database_lines(facts)
     gestures = sum(clip["kind"] == "gesture" for clip in facts["clips"])
     assert facts["regression"]["clips"] == gestures and set(facts["regression"]["r2"]) == {"speed", "radius", "height"}
@@ -315,7 +317,7 @@ def test_a_database_with_a_regression_and_without_mirrored_copies(references):
 def test_a_database_of_one_rest():
     still = builders.reference(np.random.default_rng(5), 40, "quiet", spoken=[], moved=None)
     config = builders.config({"mirror": False, "upper": {"delta_t": 8}, "lower": {"delta_t": 8}})
-    facts = databases.describe_database(MASTER.build([still], config))
+    facts = databases.describe_database(database_module.build([still], config))
     assert facts["lengths"]["gestures"] is None and facts["rhythm"]["mean_set_gestures"] is None
     assert {row["mean_seconds"] for row in facts["thresholds"]} == {None}
     strict_json(json.dumps(facts))
@@ -363,7 +365,12 @@ def test_json_of_a_trace_of_two_bodies(stored):
 def test_a_trace_without_its_database_or_with_another_one(stored, references):
     trace = stored / "reenact/talk.trace.json"
     for settings in ({"mirror": False}, {"cutting": {"min_seconds": 0.7}}):
-        database_module.save(stored / "graphs/both.npz", MASTER.build(references, builders.config(settings)), GESTURES)
+        libraries.save(
+            stored / "graphs/both.npz",
+            METHODS["gesture_master"],
+            database_module.build(references, builders.config(settings)),
+            GESTURES,
+        )
         result = run(trace, "--work", stored)
         assert result.exit_code == 0 and "its graph both is another one now" in result.output
         assert "first@" not in result.output and "lower" in result.output
@@ -390,16 +397,16 @@ def test_a_database_is_found_by_the_name_of_its_recording(stored):
 
 
 def test_a_library_is_read_as_what_it_is(stored, graph, references):
-    motion_graph.save(stored / "graphs/clip.npz", graph, load_config())
-    assert isinstance(load_library(stored / "graphs/clip.npz"), motion_graph.MotionGraph)
-    assert isinstance(load_library(stored / "graphs/both.npz"), database_module.GestureDatabase)
+    libraries.save(stored / "graphs/clip.npz", METHODS["motion_graph"], graph, load_config())
+    assert isinstance(libraries.read(stored / "graphs/clip.npz"), motion_graph.MotionGraph)
+    assert isinstance(libraries.read(stored / "graphs/both.npz"), database_module.GestureDatabase)
     part = stored / "part.npz"
     arrays.write(part, extract(references[0], GESTURES).arrays())
     for path, words in ((part, "not a gesture database"), (stored / "none.npz", "has not been built")):
         with pytest.raises(DataError, match=words):
-            load_library(path)
+            libraries.read(path)
     (stored / "damaged.npz").write_bytes(b"PK")
     with pytest.raises(DataError, match="damaged"):
-        load_library(stored / "damaged.npz")
+        libraries.read(stored / "damaged.npz")
     result = run(part)
     assert result.exit_code == 1 and len(result.output.splitlines()) == 1

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 from gesturegen import render
-from gesturegen.methods import baseline
+from gesturegen.methods.baseline import search as baseline
 from gesturegen.motion import bvh, rotation
 from gesturegen.motion.skeleton import Motion
 from gesturegen.pipeline import keyword_gestures
 from tests import tiny
 from tests.builders import chain
 from tests.commands import errors, run, succeed, tree
-from tests.gestures import gesture_builders as gb
-from tests.matching.test_database import JOINTS
+from tests.methods.gesture_master import gesture_builders as gb
+from tests.methods.motion_matching.test_matching_database import JOINTS
 from tests.test_gesture_master import CUTTING, rewritten, settings, stamps, write_recording
 
 SMALL = settings(

@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gesturegen.config import load_config
 from gesturegen.errors import DataError
-from gesturegen.graph import motion_graph
+from gesturegen.methods import libraries
+from gesturegen.methods.motion_graph import global_search
+from gesturegen.methods.motion_graph import graph as motion_graph
 from gesturegen.pipeline import memory
 from gesturegen.pipeline.memory import estimate, require_memory, require_memory_for, workers
-from gesturegen.search import global_search
+from gesturegen.settings.loading import load_config
 from gesturegen.stored import documents
 from tests import tiny
 from tests.builders import chain, refused, write_clip
@@ -210,7 +211,7 @@ def test_a_cut_graph_has_a_name_of_its_own(prepared):
     succeed("build-graph", *options)
     names = sorted(path.name for path in (work / "graphs").iterdir())
     assert names[1:] == ["multi-" + names[0][6:18] + ".npz", "trn_a-2s.npz"] and names[0].endswith("-4.5s.npz")
-    nodes = {path.name: motion_graph.load(path) for path in (work / "graphs").iterdir()}
+    nodes = {path.name: libraries.read(path) for path in (work / "graphs").iterdir()}
     assert [nodes[name].n_nodes for name in names] == [135, 180, 60]
     whole, cut = nodes[names[1]], nodes[names[0]]
     assert cut.clip_names == whole.clip_names == ("trn_a", "trn_b")

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gesturegen.config import configs_folder
 from gesturegen.demo import dataset
 from gesturegen.motion import bvh
+from gesturegen.settings.loading import configs_folder
 from tests.builders import write_audio
 from tests.commands import errors, run, succeed, tree
-from tests.matching.test_database import JOINTS
+from tests.methods.motion_matching.test_matching_database import JOINTS
 from tests.test_gesture_master import CUTTING, rewritten, settings, stamps, write_recording
 
 PAPER = configs_folder() / "motion_matching_2022.yaml"

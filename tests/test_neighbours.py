@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from gesturegen import clips, recordings
+from gesturegen.data import clips, recordings
 from gesturegen.errors import ConfigError
 from gesturegen.pipeline import common, keyword_gestures
 from gesturegen.speech import alignment

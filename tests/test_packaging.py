@@ -22,11 +22,11 @@ def test_the_wheel_carries_the_configs_and_works_from_anywhere(tmp_path):
     for config in (TOP / "configs").glob("*.yaml"):
         assert f"gesturegen/configs/{config.name}" in names
     assert not [name for name in names if name.startswith(("tests/", "scripts/"))]
-    code = f"import sys; sys.path.insert(0, {str(site)!r}); import gesturegen.config as c; print(c.__file__, c.load_config().signature())"
+    code = f"import sys; sys.path.insert(0, {str(site)!r}); import gesturegen.settings.loading as c; print(c.__file__, c.load_config().signature())"
     shown = subprocess.run(
         [sys.executable, "-I", "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
     ).stdout
     assert str(site) in shown
-    from gesturegen.config import load_config
+    from gesturegen.settings.loading import load_config
 
     assert shown.split()[-1] == load_config().signature()

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gesturegen.config import configs_folder
 from gesturegen.motion import bvh, kinematics, rotation
+from gesturegen.settings.loading import configs_folder
 from gesturegen.stored import arrays
 from tests.commands import errors, run, succeed, tree
 from tests.faults.faulty import Fault, run_with
-from tests.gestures import gesture_builders as gb
-from tests.matching.test_database import JOINTS
+from tests.methods.gesture_master import gesture_builders as gb
+from tests.methods.motion_matching.test_matching_database import JOINTS
 from tests.test_gesture_master import rewritten, settings, stamps, write_recording
 
 # Two of the lower body, which are not refined, and some of the upper one.

@@ -9,8 +9,8 @@ from click.testing import CliRunner
 
 from gesturegen import remembered
 from gesturegen.cli import main
-from gesturegen.config import configs_folder, load_config
 from gesturegen.errors import ConfigError
+from gesturegen.settings.loading import configs_folder, load_config
 from tests.builders import write_dataset
 
 SHIPPED = [name for name, _ in remembered.listing()[remembered.SETTINGS]]

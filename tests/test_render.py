@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter1d
 
-from gesturegen.graph.motion_graph import build
+from gesturegen.methods.motion_graph.graph import build
 from gesturegen.metrics.feet import foot_skate
 from gesturegen.motion import blend, kinematics, rotation
 from gesturegen.motion.skeleton import Motion
+from gesturegen.path import resampled_indices
 from gesturegen.render import render
-from gesturegen.search.path import resampled_indices
 from tests import naive, tiny
 from tests.builders import make_skeleton
 

@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import savgol_filter
 
-from gesturegen.graph.reference_frames import ReferenceFrames, describe, join, positions_of
+from gesturegen.frames import ReferenceFrames, describe, join, positions_of
 from gesturegen.motion import kinematics, rotation
 from gesturegen.motion.skeleton import Motion
+from gesturegen.path import Path, Piece, Target, Track
 from gesturegen.render import render
-from gesturegen.search.path import Path, Piece, Target, Track
 from tests import naive, tiny
 from tests.builders import SMALL, chain
-from tests.gestures import gesture_builders as gb
+from tests.methods.gesture_master import gesture_builders as gb
 from tests.test_render import BODY, figure, ground, walk
 
 LOWER = list(range(len(gb.LOWER)))

@@ -236,7 +236,7 @@ def test_a_bug_in_all_references_is_shown(data, tmp_path, monkeypatch):
     def prepare(*_):
         raise ZeroDivisionError("of ours")
 
-    monkeypatch.setattr("gesturegen.clips.prepare", prepare)
+    monkeypatch.setattr("gesturegen.data.clips.prepare", prepare)
     result = go(data, tmp_path / "work")
     assert result.exit_code == 1
     assert result.output.count("Traceback") == 1 and "ZeroDivisionError: of ours" in result.output

@@ -6,13 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gesturegen import clips, joints
-from gesturegen.config import GENEA_JOINTS, Wrists, load_config
+from gesturegen import frames as reference_frames
+from gesturegen import joints
 from gesturegen.control import hands
+from gesturegen.data import clips
 from gesturegen.errors import DataError
-from gesturegen.graph import reference_frames
 from gesturegen.motion import bvh, kinematics, rotation, space
 from gesturegen.motion.skeleton import Motion, Space
+from gesturegen.settings.loading import load_config
+from gesturegen.settings.models import GENEA_JOINTS, Wrists
 from tests import tiny
 from tests.builders import make_skeleton, refused, write_clip
 from tests.commands import errors, run, succeed

@@ -10,7 +10,7 @@ from gesturegen import submission
 from gesturegen.motion import bvh, rotation
 from gesturegen.motion.cleanup import interpolate
 from gesturegen.motion.skeleton import Motion
-from gesturegen.search.path import Piece, Target
+from gesturegen.path import Piece, Target
 from tests.builders import chain, random_motion
 
 

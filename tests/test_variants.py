@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gesturegen.config import Config
-from gesturegen.methods import motion_graph
+from gesturegen.methods.motion_graph import search as motion_graph
+from gesturegen.path import Path as SearchPath
 from gesturegen.pipeline.reenact import share_of_new_frames
-from gesturegen.search.path import Path as SearchPath
+from gesturegen.settings.models import Config
 from scripts.regenerate_golden import GOLDEN
 from tests import tiny
 from tests.builders import chain, write_clip

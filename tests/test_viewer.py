@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gesturegen import evaluation, viewer
-from gesturegen.config import Config
+from gesturegen.settings.models import Config
 from tests import tiny
 
 CONFIG = Config(

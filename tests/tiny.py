@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from gesturegen.clips import Reference, Speech
-from gesturegen.config import Config, Continuity
-from gesturegen.graph.motion_graph import MotionGraph, from_positions
-from gesturegen.keynodes import KeyNodes
+from gesturegen.data.clips import Reference, Speech
+from gesturegen.data.keynodes import KeyNodes
+from gesturegen.methods.motion_graph.graph import MotionGraph, from_positions
 from gesturegen.motion import rotation
 from gesturegen.motion.skeleton import Motion, Skeleton
-from gesturegen.search.path import Path, Piece, Target, Track
+from gesturegen.path import Path, Piece, Target, Track
+from gesturegen.settings.models import Config, Continuity
 from gesturegen.speech.transcript import Word
 
 FPS = 30.0

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from gesturegen import evaluation
-from gesturegen.config import Config
-from gesturegen.graph.reference_frames import ReferenceFrames
+from gesturegen.frames import ReferenceFrames
 from gesturegen.metrics import beats, diversity
+from gesturegen.settings.models import Config
 
 REACH = 8
 # Evenly spread shifts of the onsets around the clip: beat consistency without any relation to the speech.

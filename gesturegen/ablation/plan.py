@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gesturegen import inputs, strict_yaml
-from gesturegen.config import Config, configs_folder, layer_config, load_ablation, load_config
 from gesturegen.errors import ConfigError
+from gesturegen.settings.loading import configs_folder, layer_config, load_ablation, load_config
+from gesturegen.settings.models import Config
 
 # What a setup may not change: the stored clips, who is whose reference, and what measures them. Only then
 # does a difference between two rows come from the setup. How much of its references it uses is its own.

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from gesturegen.ablation.summary import Result
-from gesturegen.config import Config
+from gesturegen.settings.models import Config
 from gesturegen.tables import json_figures
 
 # Means over the clips; the others of a point are formed below.

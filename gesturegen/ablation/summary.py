@@ -10,10 +10,10 @@ import numpy as np
 
 from gesturegen import evaluation, viewer
 from gesturegen.ablation import causes
-from gesturegen.config import Config, Evaluation
 from gesturegen.evaluation import VIEWER_BLOCKS, Measure
-from gesturegen.graph.reference_frames import ReferenceFrames
+from gesturegen.frames import ReferenceFrames
 from gesturegen.metrics.usage import training_utilisation
+from gesturegen.settings.models import Config, Evaluation
 
 NAN = float("nan")
 PAPER_BLOCK, BEHIND_BLOCK, CAUSES_BLOCK = "Table 2", "what stands behind it", "why rows differ"

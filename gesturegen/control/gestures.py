@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gesturegen.clips import Speech
-from gesturegen.config import Control, KeywordGesture
 from gesturegen.control.schedule import names_one_clip
+from gesturegen.data.clips import Speech
+from gesturegen.data.recordings import is_listed
 from gesturegen.errors import DataError
-from gesturegen.recordings import is_listed
+from gesturegen.settings.control import Control, KeywordGesture
 from gesturegen.speech.transcript import normalize
 
 # Seconds from one gesture to the next; a shorter one would be cut off before it is seen.

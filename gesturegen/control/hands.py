@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gesturegen.config import Control
 from gesturegen.control.measures import hand_measures
 from gesturegen.errors import DataError
-from gesturegen.graph.reference_frames import ReferenceFrames
+from gesturegen.frames import ReferenceFrames
+from gesturegen.settings.control import Control
 
 
 def names(control: Control, joint_names: Sequence[str], by_role: Sequence[str] = ()) -> list[str]:

@@ -13,10 +13,10 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from gesturegen.config import Condition, Control, bound_text, resolve_bound, shared_time, time_text
 from gesturegen.control.measures import UNITS
+from gesturegen.data.recordings import is_listed, is_named
 from gesturegen.errors import DataError
-from gesturegen.recordings import is_listed, is_named
+from gesturegen.settings.control import Condition, Control, bound_text, resolve_bound, shared_time, time_text
 
 Measures = Mapping[tuple[str, str], np.ndarray]
 

@@ -6,15 +6,14 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from gesturegen.config import Config
 from gesturegen.doctor.examination import Examined
-from gesturegen.graph.reference_frames import offset_tolerance
+from gesturegen.frames import offset_tolerance
 from gesturegen.inputs import shown
 from gesturegen.joints import settings_for
+from gesturegen.methods import METHODS
+from gesturegen.methods.method import Material
 from gesturegen.remembered import changed_yaml
-
-# Of a method that shows whole gesture clips, and of one that looks into the future.
-_FEW_GESTURES, _FEW_MINUTES = 50, 5.0
+from gesturegen.settings.models import Config
 
 
 def _difference(one: Examined, other: Examined, config: Config) -> str | None:
@@ -67,21 +66,14 @@ def methods(
     onsets = all((one.onset_rate or 0) > 0 for one in fit)
     clips = sum(one.gesture_clips for one in fit)
     shared = sorted({word for one in fit for word in one.keywords} & {word for one in tests for word in one.keywords})
-    rows = [
-        ("motion_graph, search: beam", nothing or ("yes" if onsets else "limited"), why or (f"{base}, {len(shared)} keywords in both" if onsets else f"{base}, but some have no onset")),
-        ("motion_graph, search: global", nothing or "yes", why or base),
-        ("gesture_master", nothing or ("yes" if clips >= _FEW_GESTURES else "limited" if clips else "no"), why or f"{clips} gesture clips ({_FEW_GESTURES} or more are better)"),
-    ]  # fmt: skip
-    names = set(fit[0].skeleton.names) if fit else set()
+    names = frozenset(fit[0].skeleton.names) if fit else frozenset()
     own = settings_for(fit[0].skeleton, config) if fit else config
-    missing = sorted(set(own.motion_matching.joints) - names)
-    able = "no" if missing else "yes" if minutes >= _FEW_MINUTES else "limited"
-    text = (
-        f"the skeleton lacks {', '.join(missing)}; give motion_matching.joints"
-        if missing
-        else f"{base} ({_FEW_MINUTES:g} or more are better)"
-    )
-    rows.append(("motion_matching", nothing or able, why or text))
+    material = Material(base, minutes, onsets, clips, len(shared), names, own)
+    rows = [
+        (what, nothing or able, why or because)
+        for method in METHODS.values()
+        for what, able, because in method.prospects(material)
+    ]
     hands = sorted({own.control.left, own.control.right} - names)
     rows.append(
         (

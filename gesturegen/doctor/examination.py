@@ -11,18 +11,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.signal import correlate
 
-from gesturegen import clips
-from gesturegen.clips import Clip
-from gesturegen.config import Config
+from gesturegen.data import clips
+from gesturegen.data.clips import Clip
+from gesturegen.data.recordings import Recording
 from gesturegen.doctor import lag
 from gesturegen.errors import DataError
-from gesturegen.gestures import cutting, extraction
 from gesturegen.inputs import shown
 from gesturegen.joints import settings_for
 from gesturegen.motion import cleanup, kinematics, screening, space
 from gesturegen.motion.skeleton import Motion, Skeleton
-from gesturegen.recordings import Recording
-from gesturegen.speech import audio
+from gesturegen.settings.models import Config
+from gesturegen.speech import audio, cutting
 
 # What a recording is unfit for a reference for; other findings leave it usable.
 UNFIT = ("unreadable", "no audio", "still", "torn", "silent", "out of step", "drifts", "other skeleton")
@@ -291,10 +290,8 @@ def _look_at_both(motion: Motion, clip: Clip, found: Examined, config: Config) -
             "check where each begins and cut the longer one",
         )
     speech = clip.test_speech(config)
-    words = extraction.spoken(clip.words, speech.onset_times, speech.voice)
-    found.gesture_clips = sum(
-        not cut.rest for cut in cutting.cut(words, motion.n_frames, motion.fps, config.gesture_master.cutting)
-    )
+    words = cutting.spoken(clip.words, speech.onset_times, speech.voice)
+    found.gesture_clips = sum(not cut.rest for cut in cutting.cut(words, motion.n_frames, motion.fps, config.cutting))
     hands = _hand_speeds(motion, settings_for(motion.skeleton, config))
     if hands is None or found.unfit:
         return

@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
-from gesturegen.config import Config
 from gesturegen.joints import roles_of, settings_for
+from gesturegen.methods import METHODS
 from gesturegen.motion import axes, bvh, roles, space
+from gesturegen.settings.models import Config
+
+
+def _value(key: str, config: Config):
+    section, _, name = key.partition(".")
+    return getattr(getattr(config, section), name)
+
 
 _SETTINGS = (
     ("joints", lambda config: config.joints), ("wrists.joints", lambda config: config.wrists.joints),
     ("wrists.axes", lambda config: [config.wrists.axes]), ("feet.joints", lambda config: config.feet.joints),
     ("control.left, control.right", lambda config: [config.control.left, config.control.right]),
-    ("motion_matching.joints", lambda config: config.motion_matching.joints),
+    *((key, partial(_value, key)) for method in METHODS.values() for key in method.joint_settings),
 )  # fmt: skip
 
 

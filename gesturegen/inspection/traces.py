@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
 
 import numpy as np
 
 from gesturegen.control.measures import UNITS
-from gesturegen.gestures.database import GestureDatabase
-from gesturegen.gestures.extraction import BODIES
-from gesturegen.graph.reference_frames import ReferenceFrames
-from gesturegen.inspection.graphs import count
+from gesturegen.frames import ReferenceFrames
+from gesturegen.methods import METHODS
 from gesturegen.submission import GESTURE_PREFIX
+from gesturegen.text import align, count
 
 _HEADINGS = ("time", "frames", "length", "ends at", "nodes", "source frames", "join", "cost", "retries", "notes")
 _FIGURES = (0, 2, 6, 7, 8)
@@ -21,8 +20,6 @@ _BODY_HEADINGS = (
     "time", "frames", "kind", "body", "gesture clip", "source frames", "length", "join", "cost", "notes", "of which",
 )  # fmt: skip
 _BODY_FIGURES = (0, 6, 7, 8)
-# The tracks of a trace, the further ones in this order.
-TRACKS = (*BODIES, "fingers")
 _MOST_REFERENCES = 10
 
 
@@ -65,10 +62,10 @@ def is_of(trace: Mapping, library: ReferenceFrames) -> bool:
         max(piece["nodes"]) >= library.n_nodes for piece in pieces if piece["end_kind"] != "gesture"
     ):
         return False
-    if not isinstance(library, GestureDatabase):
+    if not METHODS[trace["method"]].shows_whole_pieces():
         return True
     # Beside a gesture of a folder, clips are cut and cannot be told by their ends.
-    return len(own) < len(trace["references"]) or all(_gesture(piece, library) is not None for piece in pieces)
+    return len(own) < len(trace["references"]) or all(_gesture(trace, piece, library) is not None for piece in pieces)
 
 
 def _is_mirrored(reference: Mapping) -> bool:
@@ -97,7 +94,7 @@ def _describe_pieces(trace: Mapping, track: Mapping, library: ReferenceFrames | 
                 "seconds": piece["start_frame"] / trace["fps"],
                 "searched_length": len(nodes),
                 "jumps": sum(b not in (a, a + 1) for a, b in pairwise(nodes)),
-                "gesture": _gesture(piece, library),
+                "gesture": _gesture(trace, piece, library),
                 "first": {"node": nodes[0], **_locate(trace, library, nodes[0])},
                 "last": {"node": nodes[-1], **_locate(trace, library, nodes[-1])},
                 **{key: piece[key] for key in ("cost", "retries", "fallback")},
@@ -109,14 +106,9 @@ def _describe_pieces(trace: Mapping, track: Mapping, library: ReferenceFrames | 
     return pieces
 
 
-def _gesture(piece: Mapping, library: ReferenceFrames | None) -> str | None:
-    """The name of the gesture clip that a piece shows; a mirrored copy has that of its recording."""
-    if not isinstance(library, GestureDatabase):
-        return None
-    first, last = piece["nodes"][0], piece["nodes"][-1]
-    clip = int(np.searchsorted(library.starts, first, side="right") - 1)
-    shows = clip >= 0 and first == library.starts[clip] and last == library.stops[clip] - 1
-    return str(library.names[clip]) if shows else None
+def _gesture(trace: Mapping, piece: Mapping, library: ReferenceFrames | None) -> str | None:
+    """The name of what a piece shows as a whole, such as a gesture clip; None where it has none."""
+    return None if library is None else METHODS[trace["method"]].piece_name(library, piece["nodes"])
 
 
 def _locate(trace: Mapping, library: ReferenceFrames | None, node: int) -> dict:
@@ -193,11 +185,16 @@ def _demand(demand: Mapping, fps: float) -> str:
     )
 
 
+def _bodies(facts: Mapping) -> tuple[str, ...]:
+    """The names of the tracks of a trace, that of its pieces first."""
+    return METHODS[facts["header"]["method"]].bodies
+
+
 def _body_lines(facts: Mapping) -> list[str]:
     header, pieces = facts["header"], facts["pieces"]
     rests = sum(piece["end_kind"] == "rest" for piece in pieces)
     lines = [f"{count(len(pieces), 'piece')}, {rests} of them {'a rest' if rests == 1 else 'rests'}"]
-    for name, track in zip(TRACKS, [header, *facts["tracks"]], strict=False):
+    for name, track in zip(_bodies(facts), [header, *facts["tracks"]], strict=False):
         terms = (header["objective"] or {}).get(name)
         if terms is not None:
             lines.append(
@@ -225,15 +222,16 @@ def _body_rows(facts: Mapping) -> Iterable[tuple[str, ...]]:
         for number, track in enumerate([facts, *facts["tracks"]])
         for piece in track["pieces"]
     ]
+    bodies = _bodies(facts)
     for frame, number, piece in sorted(rows, key=lambda row: row[:2]):
         above = upper.get(frame)
-        if TRACKS[number] == "fingers" and above and above["first"]["node"] == piece["first"]["node"]:
+        if bodies[number] == "fingers" and above and above["first"]["node"] == piece["first"]["node"]:
             continue
         first, last = piece["first"], piece["last"]
         yield (
             *((f"{piece['seconds']:.2f} s", f"{frame}-{piece['end_frame']}", piece["end_kind"])
               if number == 0 else ("", "", "")),
-            TRACKS[number], (piece["gesture"] or first["clip"]) + (" mirrored" if first["mirrored"] else ""),
+            bodies[number], (piece["gesture"] or first["clip"]) + (" mirrored" if first["mirrored"] else ""),
             f"{first['source_frame']}-{last['source_frame']}",
             f"{piece['searched_length']} -> {piece['target_length']}", _join(piece),
             "" if piece["costs"] is None else f"{piece['cost']:.2f}", _notes(piece), _terms(piece["costs"]),
@@ -261,16 +259,6 @@ def _notes(piece: Mapping) -> str:
     notes = [f"fallback {piece['fallback']}"] if piece["fallback"] else []
     notes += [f"{count(piece['jumps'], 'jump')} inside"] if piece["jumps"] else []
     return ", ".join(notes)
-
-
-def align(rows: Sequence[Sequence[str]], figures: Iterable[int]) -> list[str]:
-    """Lines of columns as wide as their widest cell; those numbered in `figures` to the right."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    right = set(figures)
-    return [
-        "  ".join(f"{cell:>{width}}" if k in right else f"{cell:<{width}}" for k, (cell, width) in cells).rstrip()
-        for cells in (list(enumerate(zip(row, widths, strict=True))) for row in rows)
-    ]
 
 
 def _ending(kind: str, keyword: str) -> str:

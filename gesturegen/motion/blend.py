@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from gesturegen.config import Blend
 from gesturegen.motion import rotation
+from gesturegen.settings.models import Blend
 
 # How steep the sigmoid is over the unit interval: it reaches 0.0067 and 0.9933 at its ends.
 _SIGMOID_STEEPNESS = 10.0

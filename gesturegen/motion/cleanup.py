@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import savgol_filter
 
-from gesturegen.config import Wrists
 from gesturegen.motion import rotation
 from gesturegen.motion.skeleton import Motion
+from gesturegen.settings.models import Wrists
 
 _FRAMES_AT_ONCE = 2000
 

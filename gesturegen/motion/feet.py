@@ -12,9 +12,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from gesturegen.config import Feet
 from gesturegen.motion import kinematics, roles, rotation
 from gesturegen.motion.skeleton import Motion, Skeleton
+from gesturegen.settings.models import Feet
 
 FLOOR_PERCENTILE = 5.0
 CONTACT_HEIGHT = 2.5

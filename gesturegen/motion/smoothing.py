@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import savgol_filter
 
-from gesturegen.config import Smoothing
 from gesturegen.motion.skeleton import Motion
+from gesturegen.settings.models import Smoothing
 
 # Length of a filtered quaternion below which its direction is chance.
 _NO_DIRECTION = 1e-6

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from gesturegen.config import UNITS, Config, MotionFiles
 from gesturegen.motion import axes, bvh, kinematics, roles, rotation
 from gesturegen.motion.skeleton import Motion, Skeleton, Space
+from gesturegen.settings.models import UNITS, Config, MotionFiles
 
 # Centimetres in the unit of the CMU recordings: 1 / 0.45 of an inch.
 _CMU = 2.54 / 0.45

@@ -9,29 +9,21 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 
-from gesturegen import __version__, clips, evaluation, files, keynodes, submission, viewer
+from gesturegen import __version__, evaluation, files, submission, viewer
 from gesturegen.ablation import causes, plot, reference_length, summary, tables
 from gesturegen.ablation.plan import Plan, seeded
-from gesturegen.config import Config
+from gesturegen.data import clips, keynodes
+from gesturegen.data.stored_clips import digests
 from gesturegen.errors import DataError
 from gesturegen.extras import need
-from gesturegen.graph.motion_graph import MotionGraph
-from gesturegen.graph.reference_frames import ReferenceFrames
-from gesturegen.methods import METHODS
+from gesturegen.frames import ReferenceFrames
+from gesturegen.methods import METHODS, libraries
+from gesturegen.methods.method import Job
 from gesturegen.motion.skeleton import Motion
 from gesturegen.parallel import for_each
-from gesturegen.pipeline.build_graph import Library, build_libraries
-from gesturegen.pipeline.common import (
-    Summary,
-    chosen_references,
-    clip_path,
-    digests,
-    graph_name,
-    read_index,
-    require_writable,
-    shown_from,
-    work_path,
-)
+from gesturegen.path import Path as SearchPath
+from gesturegen.pipeline.build_graph import build_libraries
+from gesturegen.pipeline.common import Summary, chosen_references, read_index, require_writable
 from gesturegen.pipeline.evaluate import (
     add_detectability,
     locate_file,
@@ -44,9 +36,9 @@ from gesturegen.pipeline.evaluate import (
 from gesturegen.pipeline.memory import require_memory_for
 from gesturegen.pipeline.showing import show
 from gesturegen.randomness import generator
-from gesturegen.search import global_search, objective
-from gesturegen.search.path import Path as SearchPath
+from gesturegen.settings.models import Config
 from gesturegen.stored import documents
+from gesturegen.workspace import clip_path, library_name, work_path
 
 # The reference clips of each test clip, by setup and seed.
 _Chosen = dict[tuple[str, int], dict[str, tuple[str, ...]]]
@@ -100,7 +92,7 @@ def shared_graphs(plan: Plan, chosen: _Chosen) -> dict[tuple[str, tuple[str, ...
     for (setup, _), tests in chosen.items():
         config = plan.setups[setup]
         for names in tests.values():
-            made_of = config.method, config.section_json(*METHODS[config.method].SETTINGS), names
+            made_of = config.method, config.section_json(*METHODS[config.method].settings), names
             groups[setup, names] = owners.setdefault(made_of, setup)
     return groups
 
@@ -110,12 +102,12 @@ def build_shared_graphs(
     command: str = "ablate", folder: str = "ablation",
 ) -> Summary:  # fmt: skip
     """Build each graph once, below a folder of the work folder; `keep` gives every setup that it serves a copy."""
-    libraries = {}
+    wanted = {}
     for (setup, names), owner in groups.items():
         if setup == owner:
             path = _graph_path(plan.setups[owner], owner, names, folder)
-            libraries[f"{owner}, {path.stem}"] = Library(plan.setups[owner], names, path)
-    summary = Summary(build_libraries(libraries, jobs, f"{command}: graphs", quiet))
+            wanted[f"{owner}, {path.stem}"] = Job(plan.setups[owner], names, path)
+    summary = Summary(build_libraries(wanted, jobs, f"{command}: graphs", quiet))
     if keep and not summary.outcome.failed:
         for (setup, names), owner in groups.items():
             if setup != owner:
@@ -125,7 +117,7 @@ def build_shared_graphs(
 
 
 def _graph_path(config: Config, setup: str, names: Sequence[str], folder: str = "ablation") -> Path:
-    return work_path(config, folder, setup, "graphs", f"{graph_name(config, names)}.npz")
+    return work_path(config, folder, setup, "graphs", f"{library_name(config, names)}.npz")
 
 
 def _run_all(plan: Plan, chosen: _Chosen, groups: dict, index: dict, jobs: int, quiet: bool, keep: bool) -> Summary:
@@ -158,7 +150,8 @@ def _run_all(plan: Plan, chosen: _Chosen, groups: dict, index: dict, jobs: int, 
 @lru_cache(maxsize=1)
 def _references(config_json: str, names: tuple[str, ...], _digests: tuple[str, ...]) -> Sequence[clips.Reference]:
     """A worker keeps the last ones: the setups follow one another on the same references."""
-    return shown_from(Config.model_validate_json(config_json), names)
+    config = Config.model_validate_json(config_json)
+    return METHODS[config.method].shown_clips(config, names)
 
 
 @lru_cache(maxsize=1)
@@ -183,9 +176,10 @@ def gesture(
 ) -> Gestured:
     """Search a clip, timed, and render it; the graph is that of the setup `owner`."""
     # Loaded anew for every clip, so that the measured time holds all that a search prepares of its graph.
-    graph = METHODS[config.method].load(_graph_path(config, owner, names, folder), config)
+    graph = libraries.load(_graph_path(config, owner, names, folder), METHODS[config.method], config)
     # The base's serve all setups: rendering takes their motion alone, and the onsets are in the graph.
-    own = {"references": config.references, "method": config.method, "gesture_master": config.gesture_master}
+    sections = ("references", "method", *METHODS[config.method].sections)
+    own = {section: getattr(config, section) for section in sections}
     shared = base.model_copy(update=own)
     references = _references(shared.model_dump_json(by_alias=True), names, digests(base, names))
     speech = clips.load(clip_path(config, test), config, with_motion=False).test_speech(config)
@@ -195,7 +189,7 @@ def gesture(
     path = METHODS[config.method].search(graph, speech, config, generator(config.seed, test))
     search_seconds = time.perf_counter() - started
     path, frames, motion = show(path, graph, references, speech, config)
-    trace = submission.make_trace(path, frames, graph_name(config, names), speech, key_nodes, config)
+    trace = submission.make_trace(path, frames, library_name(config, names), speech, key_nodes, config)
     return Gestured(path, trace, motion, frames, speech, search_seconds)
 
 
@@ -215,11 +209,9 @@ def _run_clip(
     if made.motion is not None:
         measured, found = _measure(made, test, base, truth_path, n_clips)
         evidence = {"seams": found.seams, "beside": found.beside() if with_beside else None}
-        measured["objective"] = evaluation.NAN
-        if isinstance(made.graph, MotionGraph):
-            # By the base's prices and pauses whatever the setup searches by: one ruler.
-            prices = global_search.price_list(made.graph, made.speech, base)
-            measured["objective"] = objective.total(submission.shown_nodes(made.trace), prices)["total"]
+        # By the base's prices and pauses whatever the setup searches by: one ruler.
+        nodes = submission.shown_nodes(made.trace)
+        measured["objective"] = METHODS[config.method].objective(made.graph, made.speech, nodes, base)
         measured["search_seconds"] = round(made.seconds, 4)
     about = {"setup": setup, "seed": config.seed, "clip": test}
     return about | summary.clip_row(made.trace, made.graph, measured) | evidence

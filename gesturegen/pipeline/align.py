@@ -6,12 +6,13 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from gesturegen import files, inputs, recordings
+from gesturegen import files, inputs
+from gesturegen.data import recordings
+from gesturegen.data.recordings import Recording
 from gesturegen.errors import DataError
 from gesturegen.extras import need
 from gesturegen.parallel import for_each
 from gesturegen.pipeline.common import Summary, require_writable
-from gesturegen.recordings import Recording
 from gesturegen.speech import alignment, audio, transcripts
 from gesturegen.speech.transcript import Cell
 

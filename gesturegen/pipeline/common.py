@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
-from gesturegen import clips, recordings
-from gesturegen.config import Config
+from gesturegen.data import clips, recordings
 from gesturegen.errors import ConfigError, DamagedError, DataError, GesturegenError
 from gesturegen.files import require_writable  # noqa: F401 - for the commands
-from gesturegen.gestures import extraction
+from gesturegen.methods import METHODS
 from gesturegen.motion import space
-from gesturegen.parallel import Outcome
-from gesturegen.stored import arrays as stored_arrays
-from gesturegen.stored import documents, sealing
+from gesturegen.outcome import Outcome
+from gesturegen.settings.models import Config
+from gesturegen.stored import documents
+from gesturegen.workspace import work_path
 
 INDEX_VERSION = 2
 
@@ -49,31 +46,6 @@ def by_kind(notes: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
             told[places[0]] = (name, f"and {more} more {'clip' if more == 1 else 'clips'}: {note}")
         left_out.update(places[1:])
     return [note for place, note in told.items() if place not in left_out]
-
-
-def work_path(config: Config, *parts: str) -> Path:
-    """A place below the folder for everything that is written."""
-    return Path(config.paths.work, *parts)
-
-
-def clip_path(config: Config, name: str) -> Path:
-    return work_path(config, "clips", f"{name}.npz")
-
-
-def graph_path(config: Config, name: str) -> Path:
-    return work_path(config, "graphs", f"{name}.npz")
-
-
-# Of the names of what methods build: several may share a work folder.
-_SUFFIXES = {"gesture_master": "-gestures", "motion_matching": "-matching", "baseline": "-frames"}
-
-
-def graph_name(config: Config, names: Sequence[str]) -> str:
-    """The name of what a method builds of one reference clip or of several."""
-    name = names[0] if len(names) == 1 else "multi-" + hashlib.sha256("\n".join(names).encode()).hexdigest()[:12]
-    seconds = config.references.seconds
-    name = name if seconds is None else f"{name}-{seconds:g}s"
-    return name + _SUFFIXES.get(config.method, "")
 
 
 def read_index(config: Config) -> dict:
@@ -153,103 +125,17 @@ def require_names(config: Config, references: Iterable[str], tests: Iterable[str
 
     Patterns are taken to the letter first, then as globs. `blacklist` and `exclude` are looked at by `preprocess`.
     """
-    master = config.gesture_master
-    quality = {key: getattr(master.quality, key) for key in ("include", "exclude")}
-    of_tests = [
-        *((f"control.conditions, {place}", row.clip) for place, row in enumerate(config.control.conditions, 1)),
-        *((f"control.gestures, {place}", row.clip) for place, row in enumerate(config.control.gestures, 1)),
-        *(("gesture_master.style.targets", row.clip) for row in master.style.targets or ()),
+    named = [
+        *((f"control.conditions, {n}", row.clip, "test clip") for n, row in enumerate(config.control.conditions, 1)),
+        *((f"control.gestures, {n}", row.clip, "test clip") for n, row in enumerate(config.control.gestures, 1)),
+        *METHODS[config.method].named_clips(config),
     ]
-    of_references = [
-        *(("gesture_master.rhythm.corrections", row.clip) for row in master.rhythm.corrections or ()),
-        # A gesture clip is called by its recording and a time; of a glob, that may be anywhere.
-        *(
-            (f"gesture_master.quality.{key}", name.rpartition("@")[0])
-            for key, names in quality.items()
-            for name in names
-            if "@" in name
-        ),
-    ]
-    used = master if config.method == "gesture_master" else None
+    known = {"test clip": [*tests], "reference clip": [*references]}
     problems = [
-        recordings.without_match(key, pattern, names, what)
-        for rows, names, what in ((of_tests, tests, "test clip"), (of_references, references, "reference clip"))
-        for key, pattern in rows
-        if used or not key.startswith("gesture_master")
+        recordings.without_match(key, pattern, known[what], what)
+        for kind in known
+        for key, pattern, what in named
+        if what == kind
     ]
     if found := list(dict.fromkeys(filter(None, problems))):
         raise ConfigError("\n".join(found))
-
-
-def load_references(config: Config, names: Sequence[str]) -> list[clips.Reference]:
-    """Stored clips as references, in the order of their names here; cut where `references.seconds` are over."""
-    return [load_reference(config, name, limit) for name, limit in zip(names, limits(config, names), strict=True)]
-
-
-def load_reference(config: Config, name: str, limit: int | None = None) -> clips.Reference:
-    """A stored clip as a reference, of at most `limit` frames."""
-    reference = clips.load(clip_path(config, name), config).reference(config)
-    return reference if limit is None else _cut(reference, limit)
-
-
-def limits(config: Config, names: Sequence[str]) -> list[int | None]:
-    """How many frames of each stored clip are used: None for all of them."""
-    if config.references.seconds is None:
-        return [None] * len(names)
-    found, left = [], round(config.references.seconds * config.fps)
-    for name in names:
-        n_frames = len(stored_arrays.read(clip_path(config, name), clips.KIND, ("source_frames",))["source_frames"])
-        # A clip whose motion is longer than its sound may leave nothing for the next, which has been chosen.
-        found.append(max(left, 1) if left < n_frames else None)
-        left -= n_frames
-    return found
-
-
-class StoredReferences(Sequence):
-    """References that are read when they are looked at, and not kept; with mirrored copies after the recordings."""
-
-    def __init__(self, config: Config, names: Sequence[str]):
-        self.config, self.names = config, tuple(names)
-        self.limits = limits(config, names)
-
-    def __len__(self) -> int:
-        return len(self.names) * (2 if self.config.gesture_master.mirror else 1)
-
-    def __getitem__(self, number: int) -> clips.Reference:
-        if not 0 <= number < len(self):
-            raise IndexError(number)
-        copy, own = divmod(number, len(self.names))
-        reference = load_reference(self.config, self.names[own], self.limits[own])
-        return extraction.mirrored(reference, self.config) if copy else reference
-
-
-def shown_from(config: Config, names: Sequence[str]) -> Sequence[clips.Reference]:
-    """The reference clips of a graph, for rendering what it shows of them."""
-    return StoredReferences(config, names) if config.method == "gesture_master" else load_references(config, names)
-
-
-def _cut(reference: clips.Reference, n_frames: int) -> clips.Reference:
-    """The first frames of a reference; key nodes on the others are dropped like those on excluded frames."""
-    kept = np.arange(n_frames)  # a slice would keep the whole clip in memory
-    return replace(
-        reference,
-        motion=reference.motion.take(kept),
-        source_frames=reference.source_frames[kept],
-        segment_starts=reference.segment_starts[reference.segment_starts < n_frames],
-    )
-
-
-def digests(config: Config, names: Sequence[str]) -> tuple[str, ...]:
-    """What the stored clips hold, so that a graph knows when they changed."""
-    return tuple(stored_digest(clip_path(config, name)) for name in names)
-
-
-def stored_digest(path: Path) -> str:
-    """The checksum of a stored file, after a look whether it is still right; DataError where there is none.
-
-    A worker reads each state of a file once for this and for loading it: with large references that takes longer
-    than a search.
-    """
-    return sealing.checksum(
-        path, {"clips": "preprocess", "graphs": "build-graph"}.get(path.parent.name, "train-refiner")
-    )

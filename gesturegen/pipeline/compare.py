@@ -16,35 +16,29 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gesturegen import __version__, clips, evaluation, files, remembered, submission, viewer
+from gesturegen import __version__, evaluation, files, remembered, submission, viewer
+from gesturegen import frames as reference_frames
 from gesturegen.ablation.plan import Plan, seeded
 from gesturegen.ablation.summary import Setup
 from gesturegen.ablation.tables import aligned_blocks, beside_cells, format_spread, markdown_blocks
-from gesturegen.config import Config
+from gesturegen.data import clips
 from gesturegen.errors import DataError, GesturegenError
 from gesturegen.evaluation import Measure
-from gesturegen.graph import reference_frames
-from gesturegen.methods import METHODS
+from gesturegen.methods import METHODS, libraries
 from gesturegen.metrics.usage import training_utilisation
 from gesturegen.motion import cleanup, space
 from gesturegen.parallel import for_each, one_display
 from gesturegen.pipeline.ablate import build_shared_graphs, draw_references, durations, gesture, measure, shared_graphs
-from gesturegen.pipeline.common import (
-    Summary,
-    clip_path,
-    graph_name,
-    read_index,
-    read_manifest,
-    require_writable,
-    work_path,
-)
+from gesturegen.pipeline.common import Summary, read_index, read_manifest, require_writable
 from gesturegen.pipeline.evaluate import add_detectability
 from gesturegen.pipeline.memory import require_memory_for
 from gesturegen.randomness import generator
 from gesturegen.report import pack, page
+from gesturegen.settings.models import Config
 from gesturegen.speech import audio
 from gesturegen.stored import documents
 from gesturegen.tables import exact, format_figure, json_figures
+from gesturegen.workspace import clip_path, library_name, work_path
 
 FOLDER = "compare"
 MACHINE_BLOCK = "time and memory, of this machine"
@@ -255,7 +249,7 @@ def _measure_memory(tasks: Sequence[_Task], index: dict, jobs: int, quiet: bool)
     named = {}
     for task in tasks:
         names = task.references[longest]
-        graph = work_path(task.config, FOLDER, task.setup, "graphs", f"{graph_name(task.config, names)}.npz")
+        graph = work_path(task.config, FOLDER, task.setup, "graphs", f"{library_name(task.config, names)}.npz")
         named[task.setup] = partial(_search_memory, graph, longest, task.config)
     # In a process of its own, which no earlier work has made larger.
     return Summary(for_each(named, jobs, "compare: memory", quiet, fresh=True))
@@ -264,7 +258,7 @@ def _measure_memory(tasks: Sequence[_Task], index: dict, jobs: int, quiet: bool)
 def _search_memory(graph: Path, test: str, config: Config) -> dict[str, float]:
     with threadpool_limits(limits=1):
         before = _peak_megabytes()
-        library = METHODS[config.method].load(graph, config)
+        library = libraries.load(graph, METHODS[config.method], config)
         speech = clips.load(clip_path(config, test), config, with_motion=False).test_speech(config)
         METHODS[config.method].search(library, speech, config, generator(config.seed, test))
         peak = _peak_megabytes()

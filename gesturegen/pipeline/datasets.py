@@ -5,11 +5,11 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from gesturegen import demo, files, workspace
-from gesturegen.config import configs_folder
+from gesturegen import demo, files, locks
 from gesturegen.errors import ConfigError, DataError
 from gesturegen.parallel import for_each
 from gesturegen.pipeline.common import Summary
+from gesturegen.settings.loading import configs_folder
 
 
 def init(path: Path, force: bool) -> None:
@@ -21,7 +21,7 @@ def init(path: Path, force: bool) -> None:
 
 def demo_data(folder: Path, references: int, tests: int, seed: int, challenge: bool, jobs: int, quiet: bool) -> Summary:
     """Write the embedded demo dataset in GENEA layout."""
-    if folder.exists() and (not folder.is_dir() or any(path.name != workspace.LOCK for path in folder.iterdir())):
+    if folder.exists() and (not folder.is_dir() or any(path.name != locks.LOCK for path in folder.iterdir())):
         raise DataError(f"{folder}: exists already and is not empty; choose another folder or delete it")
     specs = demo.clip_specs(
         references=references, tests=tests, seed=seed, **(demo.CHALLENGE_SECONDS if challenge else {})

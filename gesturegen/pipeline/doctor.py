@@ -5,13 +5,15 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from gesturegen import files, inputs, recordings
-from gesturegen.config import Config
+from gesturegen import files, inputs
+from gesturegen.data import recordings
+from gesturegen.data.recordings import Recording
 from gesturegen.doctor import dataset, examination, page
 from gesturegen.errors import DataError
 from gesturegen.parallel import for_each
-from gesturegen.pipeline.common import Summary, require_writable, work_path
-from gesturegen.recordings import Recording
+from gesturegen.pipeline.common import Summary, require_writable
+from gesturegen.settings.models import Config
+from gesturegen.workspace import work_path
 
 # Splits of the challenges that are looked at where they are there, beside those of the config.
 _SPLITS = ("trn", "val", "tst")

@@ -13,34 +13,27 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gesturegen import __version__, clips, evaluation, files, inputs, keynodes, submission, tables, viewer
-from gesturegen.config import Config
+from gesturegen import __version__, evaluation, files, inputs, submission, tables, viewer
 from gesturegen.control import hands
+from gesturegen.data import clips, keynodes
+from gesturegen.data.stored_clips import digests
 from gesturegen.errors import DamagedError, DataError
-from gesturegen.gestures.extraction import spoken
-from gesturegen.graph.reference_frames import ReferenceFrames
+from gesturegen.frames import ReferenceFrames
 from gesturegen.inspection import traces
-from gesturegen.methods import METHODS
+from gesturegen.methods import METHODS, libraries
 from gesturegen.metrics.feet import FootSkate
 from gesturegen.metrics.usage import training_utilisation
 from gesturegen.motion import cleanup, positions, space
-from gesturegen.parallel import Outcome, for_each
-from gesturegen.pipeline.common import (
-    Summary,
-    by_kind,
-    clip_path,
-    digests,
-    graph_path,
-    read_index,
-    read_manifest,
-    require_names,
-    require_writable,
-    work_path,
-)
+from gesturegen.outcome import Outcome
+from gesturegen.parallel import for_each
+from gesturegen.pipeline.common import Summary, by_kind, read_index, read_manifest, require_names, require_writable
 from gesturegen.pipeline.keyword_gestures import load_frames
 from gesturegen.pipeline.motions import folder_motions, folder_sounds
+from gesturegen.settings.models import Config
 from gesturegen.speech import audio, voice
+from gesturegen.speech.cutting import spoken
 from gesturegen.stored import documents, sealing
+from gesturegen.workspace import clip_path, library_path, work_path
 
 _CONTROL_COLUMNS = ("clip", *evaluation.CONTROL_HEADINGS)
 _CONTROL_FIGURES = range(5, len(_CONTROL_COLUMNS))
@@ -264,7 +257,7 @@ def _measure(evidence: _Evidence, config: Config, n_clips: int) -> dict:
     if evidence.trace is not None:
         trace = submission.read_trace(evidence.trace)
         submission.require_unchanged(evidence.motion, trace)
-        library = METHODS[trace["method"]].load(graph_path(config, trace["graph"]))
+        library = libraries.load(library_path(config, trace["graph"]), METHODS[trace["method"]])
         references = list(library.clip_names)
         graph = load_frames(library, trace, config)
         submission.require_nodes(trace, graph.n_nodes)

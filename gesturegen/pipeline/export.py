@@ -8,13 +8,14 @@ from pathlib import Path
 
 from gesturegen import export as formats
 from gesturegen import inputs
-from gesturegen.config import Config
 from gesturegen.extras import need
 from gesturegen.joints import settings_for
 from gesturegen.motion import space
 from gesturegen.parallel import for_each
-from gesturegen.pipeline.common import Summary, require_writable, work_path
+from gesturegen.pipeline.common import Summary, require_writable
 from gesturegen.pipeline.motions import motion_files
+from gesturegen.settings.models import Config
+from gesturegen.workspace import work_path
 
 
 def export(

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import json
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 
 from gesturegen import files, submission
-from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.extras import need
-from gesturegen.gestures.database import GestureDatabase
-from gesturegen.graph.motion_graph import MotionGraph
-from gesturegen.graph.reference_frames import ReferenceFrames
-from gesturegen.inspection import databases, graphs, plots, skeletons, traces
-from gesturegen.methods import load_library
-from gesturegen.parallel import Outcome
-from gesturegen.pipeline.common import Summary, graph_name, graph_path, work_path
+from gesturegen.frames import ReferenceFrames
+from gesturegen.inspection import plots, skeletons, traces
+from gesturegen.methods import libraries
+from gesturegen.outcome import Outcome
+from gesturegen.pipeline.common import Summary
+from gesturegen.settings.models import Config
+from gesturegen.workspace import library_name, library_path, work_path
 
 _TRACE = ".trace.json"
 
@@ -37,20 +37,12 @@ def inspect(config: Config, target: str, plot: Path | None = None, as_json: bool
         lines = skeletons.skeleton_lines(facts)
         warnings = [(path.stem, note) for note in facts["notes"]]
     elif path.suffix == ".npz":
-        library = load_library(path)
-        if isinstance(library, GestureDatabase):
-            facts = databases.describe_database(library)
-            lines = databases.database_lines(facts)
-            draw = lambda file: plots.plot_database(library, path.stem, file)  # noqa: E731
-        elif not isinstance(library, MotionGraph):
-            if plot is not None:
-                raise DataError(f"{path}: of this there is no plot; leave out --plot")
-            facts = graphs.describe_frames(library)
-            lines = graphs.frames_lines(facts)
-        else:
-            facts = graphs.describe_graph(library)
-            lines = graphs.graph_lines(facts)
-            draw = lambda file: plots.plot_graph(library, path.stem, file)  # noqa: E731
+        found = libraries.method_of(path).inspect(libraries.read(path))
+        facts, lines = found.facts, found.lines
+        if found.draw is not None:
+            draw = partial(found.draw, path.stem)
+        elif plot is not None:
+            raise DataError(f"{path}: of this there is no plot; leave out --plot")
     else:
         trace = submission.read_trace(path)
         library, lack = _library_of(config, path, trace)
@@ -58,7 +50,7 @@ def inspect(config: Config, target: str, plot: Path | None = None, as_json: bool
         if lack:
             warnings.append((trace["clip"], lack))
         lines = traces.trace_lines(facts)
-        draw = lambda file: plots.plot_trace(trace, file)  # noqa: E731
+        draw = partial(plots.plot_trace, trace)
     printed = [json.dumps(facts, indent=1, ensure_ascii=False)] if as_json else lines
     summary = Summary(Outcome(), warnings, lines=printed)
     if plot is not None:
@@ -77,8 +69,8 @@ def _find(config: Config, target: str) -> Path:
             )
         return path
     # The clip of a name has a graph of that name, or what the configured method names otherwise.
-    graphs_of = (target, graph_name(config, [target]))
-    for place in (work_path(config, "reenact", target + _TRACE), *(graph_path(config, name) for name in graphs_of)):
+    graphs_of = (target, library_name(config, [target]))
+    for place in (work_path(config, "reenact", target + _TRACE), *(library_path(config, name) for name in graphs_of)):
         if place.is_file():
             return place
     known = [p.name.removesuffix(_TRACE) for p in sorted(work_path(config, "reenact").glob(f"*{_TRACE}"))]
@@ -92,9 +84,9 @@ def _find(config: Config, target: str) -> Path:
 def _library_of(config: Config, path: Path, trace: dict) -> tuple[ReferenceFrames | None, str]:
     """What a trace was found in, of the run it lies in, else of the work folder; without it, what that means."""
     name = trace["graph"]
-    places = (path.resolve().parent.parent / "graphs" / f"{name}.npz", graph_path(config, name))
+    places = (path.resolve().parent.parent / "graphs" / f"{name}.npz", library_path(config, name))
     found = next((place for place in places if place.is_file()), None)
-    library = None if found is None else load_library(found)
+    library = None if found is None else libraries.read(found)
     if library is not None and traces.is_of(trace, library):
         return library, ""
     lack = "not there" if library is None else "another one now"

@@ -11,16 +11,16 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from gesturegen import files, inputs
-from gesturegen.clips import Reference, Speech
-from gesturegen.config import Config
+from gesturegen import frames as reference_frames
 from gesturegen.control.gestures import placements
+from gesturegen.data.clips import Reference, Speech
+from gesturegen.data.recordings import matching
 from gesturegen.errors import DataError
-from gesturegen.graph import reference_frames
-from gesturegen.graph.reference_frames import ExtendedFrames, ReferenceFrames
+from gesturegen.frames import ExtendedFrames, ReferenceFrames
 from gesturegen.joints import settings_for
 from gesturegen.motion import cleanup, space
-from gesturegen.recordings import matching
-from gesturegen.search.path import Path, Piece, Target, Track, resampled_indices
+from gesturegen.path import Path, Piece, Target, Track, resampled_indices
+from gesturegen.settings.models import Config
 from gesturegen.speech.transcript import normalize
 from gesturegen.submission import GESTURE_PREFIX
 

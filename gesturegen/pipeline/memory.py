@@ -6,38 +6,17 @@ import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from gesturegen.config import Config
 from gesturegen.errors import DataError
-
-# Measured on demo references of 10 to 60 min (83 joints, 25 of them selected), with a margin: bytes of a worker
-# with its libraries and compiled loops and the blocks of the comparison, and of each reference frame: the
-# recording, the graph, and what building it or searching it needs beside them.
-_PROCESS, _PER_FRAME = 350e6, 10_000
-# A gesture database stays on disk but for what is looked at; building one takes this much of a reference frame, its
-# mirrored copy included.
-_GESTURES_PER_FRAME = 2_500
-# The tables of the global search: of each frame of the speech and node how the path goes on from there, and what a join
-# from there may cost where joins lead from; of each frame of the shortest stay three rows, of what is earned and priced
-# some forty more, each a number a node; and join costs of all pairs of nodes, up to a limit, while they are made some
-# more.
-_PER_FRAME_AND_NODE, _MOST_GATES, _ROWS, _PER_ROW_AND_NODE = 4, 8192, 40, 8
-_JOINS_PER_PAIR, _MOST_JOINS = 8.0, 350e6
+from gesturegen.methods import METHODS
+from gesturegen.settings.models import Config
 
 
 def estimate(reference_frames: int, test_frames: int, config: Config, kept_frames: int = 0) -> float:
-    """Bytes that a worker needs at most for a graph of so many frames and a test speech of so many.
+    """Bytes that a worker needs at most for a library of so many frames and a test speech of so many.
 
-    kept_frames : of another graph, which a worker holds until the next one has been read
+    kept_frames : of another library, which a worker holds until the next one has been read
     """
-    if config.method == "gesture_master":
-        return _PROCESS + _GESTURES_PER_FRAME * reference_frames
-    need = _PROCESS + _PER_FRAME * (reference_frames + kept_frames)
-    if config.search == "global":
-        rows = _ROWS + 3 * (config.global_search.min_stay_seconds * config.fps + 1)
-        need += (_PER_FRAME_AND_NODE * test_frames + _PER_ROW_AND_NODE * rows) * reference_frames
-        need += _PER_FRAME_AND_NODE * test_frames * min(reference_frames, _MOST_GATES)
-        need += min(_JOINS_PER_PAIR * reference_frames**2, _MOST_JOINS)
-    return need
+    return METHODS[config.method].bytes_needed(reference_frames, test_frames, config, kept_frames)
 
 
 def workers(needs: Sequence[float], jobs: int, available: float | None) -> int:
@@ -102,7 +81,7 @@ def require_memory_for(
     if found == 0:
         raise DataError(
             f"references of {most_frames} frames in one graph: a worker needs up to {gigabytes}; give fewer references "
-            "(references.mode, references.seconds)" + _or_beam(runs)
+            "(references.mode, references.seconds)" + _or_thriftier(runs)
         )
     return found, [
         (
@@ -113,8 +92,9 @@ def require_memory_for(
     ]
 
 
-def _or_beam(runs: Sequence[tuple[Config, Mapping]]) -> str:
-    return ", or search: beam" if any(config.search_name == "global" for config, _ in runs) else ""
+def _or_thriftier(runs: Sequence[tuple[Config, Mapping]]) -> str:
+    settings = dict.fromkeys(METHODS[config.method].thrift(config) for config, _ in runs)
+    return "".join(f", or {setting}" for setting in settings if setting)
 
 
 def reference_frames(config: Config, names: Sequence[str], index: Mapping) -> int:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from gesturegen import inputs, recordings
-from gesturegen.config import Config
+from gesturegen import inputs
+from gesturegen.data import recordings
 from gesturegen.errors import DataError
-from gesturegen.pipeline.common import work_path
+from gesturegen.settings.models import Config
+from gesturegen.workspace import work_path
 
 
 def motion_files(config: Config, paths: Sequence[Path]) -> dict[str, Path]:

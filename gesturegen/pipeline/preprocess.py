@@ -6,25 +6,26 @@ from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 
-from gesturegen import clips, inputs, recordings
-from gesturegen.config import Config
+from gesturegen import inputs
+from gesturegen.data import clips, recordings
+from gesturegen.data.recordings import Recording
 from gesturegen.errors import ConfigError, DamagedError, DataError
 from gesturegen.motion import bvh
-from gesturegen.parallel import Outcome, describe_bugs, for_each
+from gesturegen.outcome import Outcome
+from gesturegen.parallel import describe_bugs, for_each
 from gesturegen.pipeline.common import (
     INDEX_VERSION,
     Summary,
     by_kind,
-    clip_path,
     data_settings,
     relative_to_work,
     require_names,
     require_writable,
-    work_path,
 )
-from gesturegen.recordings import Recording
+from gesturegen.settings.models import Config
 from gesturegen.speech import audio
 from gesturegen.stored import documents, sealing
+from gesturegen.workspace import clip_path, work_path
 
 # From so many clips on, what is odd about all of them is told once.
 _MANY = 4

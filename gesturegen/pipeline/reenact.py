@@ -12,32 +12,23 @@ from pathlib import Path
 
 import numpy as np
 
-from gesturegen import __version__, clips, keynodes, remembered, submission
-from gesturegen.config import Config
+from gesturegen import __version__, remembered, submission
+from gesturegen.data import clips, keynodes
+from gesturegen.data.stored_clips import digests, stored_digest
 from gesturegen.errors import DamagedError, DataError
-from gesturegen.graph.reference_frames import ReferenceFrames
-from gesturegen.methods import METHODS
+from gesturegen.frames import ReferenceFrames
+from gesturegen.methods import METHODS, libraries
 from gesturegen.motion.skeleton import Motion
 from gesturegen.parallel import for_each
+from gesturegen.path import Path as SearchPath
 from gesturegen.pipeline import keyword_gestures, refiner
-from gesturegen.pipeline.common import (
-    Summary,
-    chosen_references,
-    clip_path,
-    digests,
-    graph_name,
-    graph_path,
-    read_index,
-    require_writable,
-    shown_from,
-    stored_digest,
-    work_path,
-)
+from gesturegen.pipeline.common import Summary, chosen_references, read_index, require_writable
 from gesturegen.pipeline.memory import require_memory
 from gesturegen.pipeline.showing import show
 from gesturegen.randomness import generator
-from gesturegen.search.path import Path as SearchPath
+from gesturegen.settings.models import Config
 from gesturegen.stored import documents, sealing
+from gesturegen.workspace import clip_path, library_name, library_path, work_path
 
 # Frames of a reference that are further apart than this show another moment of it.
 ELSEWHERE_FRAMES = 15
@@ -98,12 +89,13 @@ def _library(
 ) -> tuple[Sequence[clips.Reference], ReferenceFrames]:
     """References and graph; a worker keeps the last ones, since test clips often share them."""
     config = Config.model_validate_json(config_json)
-    graph = METHODS[config.method].load(graph_path(config, graph_name(config, names)), config, clip_digests)
-    return shown_from(config, names), graph
+    method = METHODS[config.method]
+    graph = libraries.load(library_path(config, library_name(config, names)), method, config, clip_digests)
+    return method.shown_clips(config, names), graph
 
 
 def _graph_digest(config: Config, names: Sequence[str]) -> str:
-    stored = graph_path(config, graph_name(config, names))
+    stored = library_path(config, library_name(config, names))
     return stored_digest(stored) if stored.is_file() else ""
 
 
@@ -124,13 +116,13 @@ def _search_together(
 
     A clip that is missing here, whatever the reason, is searched for by itself and tells the reason.
     """
-    if not hasattr(METHODS[config.method], "search_all"):
+    if not METHODS[config.method].at_once:
         return {}
     groups: dict[tuple[str, ...], list[str]] = {}
     for test, names in chosen.items():
         groups.setdefault(names, []).append(test)
     tasks = {
-        f"{graph_name(config, names)}, clips from {first}": partial(
+        f"{library_name(config, names)}, clips from {first}": partial(
             _search_batch, tests[first : first + _TOGETHER], names, config, reuse
         )
         for names, tests in groups.items()
@@ -223,7 +215,7 @@ def gestures(
             path = METHODS[config.method].search(graph, speech, config, rng, [p for p in earlier if p.failure is None])
         earlier.append(path)
         path, frames, motion = show(path, graph, references, speech, config)
-        trace = submission.make_trace(path, frames, graph_name(config, names), speech, key_nodes, config, variant)
+        trace = submission.make_trace(path, frames, library_name(config, names), speech, key_nodes, config, variant)
         yield trace, motion, frames
 
 
@@ -317,7 +309,7 @@ def _is_stored(manifest: dict, folder: Path) -> bool:
 def _describe(summary: Summary, config: Config) -> None:
     """Lines, warnings and errors, for each variant of each clip; variants that got stuck move to the errors."""
     outcome = summary.outcome
-    hint = "give longer references" + (" or set search=global" if config.search_name == "beam" else "")
+    hint = METHODS[config.method].advice(config)
     done, outcome.done = outcome.done, {}
     for test, results in done.items():
         said: set[str] = set()

@@ -11,23 +11,24 @@ from pathlib import Path
 import numpy as np
 
 from gesturegen import files, render
-from gesturegen.clips import Reference, Speech, select_joints
-from gesturegen.config import Config
+from gesturegen.data.clips import Reference, Speech, select_joints
+from gesturegen.data.stored_clips import digests, load_references
 from gesturegen.errors import DamagedError, DataError
 from gesturegen.extras import need
+from gesturegen.frames import ReferenceFrames
 from gesturegen.joints import settings_for
-from gesturegen.matching import database, features
+from gesturegen.methods import TRAINER
 from gesturegen.motion import body, cleanup, rotation
 from gesturegen.motion.skeleton import Motion, Skeleton
-from gesturegen.parallel import Outcome, for_each
-from gesturegen.pipeline.common import Summary, chosen_references, digests, load_references, read_index, work_path
+from gesturegen.outcome import Outcome
+from gesturegen.parallel import for_each
+from gesturegen.pipeline.common import Summary, chosen_references, read_index
 from gesturegen.randomness import generator
 from gesturegen.refine import representation
-from gesturegen.search import nearest
-from gesturegen.search.path import Path as SearchPath
-from gesturegen.search.path import Piece, Target, Track
+from gesturegen.settings.models import Config
 from gesturegen.speech.acoustics import Acoustics
 from gesturegen.stored import sealing
+from gesturegen.workspace import work_path
 
 
 def checkpoint_path(config: Config) -> Path:
@@ -108,7 +109,7 @@ def train_refiner(config: Config, jobs: int, quiet: bool) -> Summary:
     )
     if len(pairs.audio) < 2:
         raise DataError(
-            f"{len(pairs.audio)} windows of {config.motion_matching.sequence_seconds:.1f} s to train on; give longer references"
+            f"{len(pairs.audio)} windows of {config.window_seconds:.1f} s to train on; give longer references"
         )
     description = parts[0]["description"]
     started, warnings = time.monotonic(), []
@@ -140,11 +141,11 @@ def train_refiner(config: Config, jobs: int, quiet: bool) -> Summary:
 @lru_cache(maxsize=1)
 def _library(
     config_json: str, names: tuple[str, ...], _digests: tuple[str, ...]
-) -> tuple[list[Reference], database.MatchingDatabase]:
+) -> tuple[list[Reference], ReferenceFrames]:
     """A worker keeps them for its next recording."""
     config = Config.model_validate_json(config_json)
     references = load_references(config, names)
-    return references, database.build(references, config)
+    return references, TRAINER.assemble([TRAINER.part(reference, config) for reference in references], config)
 
 
 def _recording(name: str, names: Sequence[str], config: Config) -> dict:
@@ -153,7 +154,7 @@ def _recording(name: str, names: Sequence[str], config: Config) -> dict:
     own = references[list(names).index(name)]
     fps, rate = own.motion.fps, own.speech.acoustics.rate
     joints = gesture_joints(own.motion.skeleton, config)
-    window = round(config.motion_matching.sequence_seconds * rate)
+    window = round(config.window_seconds * rate)
     stride = max(round(config.refiner.stride_seconds * rate), 1)
     rng = generator(config.seed, f"refiner, {name}")
     real_motion = cleanup.resample(own.motion, rate)
@@ -186,39 +187,11 @@ def _recording(name: str, names: Sequence[str], config: Config) -> dict:
 
 
 def _fake(
-    library: database.MatchingDatabase, references: Sequence[Reference], own: Reference, k: int, config: Config,
+    library: ReferenceFrames, references: Sequence[Reference], own: Reference, k: int, config: Config,
     rng: np.random.Generator,
 ) -> Motion:  # fmt: skip
-    """What k-NN matching shows for the speech of a recording, with nothing of the recording itself where it can."""
-    settings = config.motion_matching.model_copy(update={"k": k})
-    step, n_frames = database.step_frames(config), own.motion.n_frames
-    starts = np.arange(0, n_frames, step)
-    sound = features.audio_features(own.speech.acoustics, own.source_frames[starts] / own.motion.fps, settings)
-    audio = features.apply(library.audio_scaling, sound)
-    others = _elsewhere(library, own, starts, config)
-    first = library.pose[rng.integers(library.n_nodes)]
-    (match,) = nearest.search(library.candidates, [audio], first[None], step, settings, [others])
-    if match.failed is not None:
-        raise DataError(f"clip {own.name}: k-NN matching finds nothing to show for it; give longer references")
-    ends = np.minimum(starts + step, n_frames)
-    pieces = tuple(
-        Piece(Target(start, end, "step"), match.nodes[start : start + end - start], 0.0)
-        for start, end in zip(starts.tolist(), ends.tolist(), strict=True)
-    )
-    return render.render(SearchPath((Track(pieces),)), references, library, config)
-
-
-def _elsewhere(
-    library: database.MatchingDatabase, own: Reference, starts: np.ndarray, config: Config
-) -> list[np.ndarray] | np.ndarray:
-    """Which nodes each step may show: those of other recordings or, of a single one, those a sequence away."""
-    names = np.repeat(np.arange(len(library.clip_names)), np.diff(np.append(library.clip_starts, library.n_nodes)))
-    number = library.clip_names.index(own.name)
-    if len(library.clip_names) > 1:
-        allowed = names != number
-        return [allowed] * len(starts)
-    away = round(config.motion_matching.sequence_seconds * library.fps)
-    return [np.abs(np.arange(library.n_nodes) - start) > away for start in starts]
+    """What matching shows for the speech of a recording, with nothing of the recording itself where it can."""
+    return render.render(TRAINER.stand_in(library, own, k, config, rng), references, library, config)
 
 
 def _bar(total: int, quiet: bool):

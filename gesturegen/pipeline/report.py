@@ -7,17 +7,19 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from gesturegen import clips, evaluation, submission
-from gesturegen.config import Config
+from gesturegen import evaluation, submission
+from gesturegen import frames as reference_frames
 from gesturegen.control import hands
+from gesturegen.data import clips
 from gesturegen.errors import DataError, GesturegenError
-from gesturegen.graph import reference_frames
 from gesturegen.motion import cleanup, space
 from gesturegen.parallel import for_each
-from gesturegen.pipeline.common import Summary, clip_path, read_index, read_manifest, require_writable, work_path
+from gesturegen.pipeline.common import Summary, read_index, read_manifest, require_writable
 from gesturegen.report import pack, page
+from gesturegen.settings.models import Config
 from gesturegen.speech import audio
 from gesturegen.stored import documents, sealing
+from gesturegen.workspace import clip_path, work_path
 
 _OWN_LABELS = ("generated", "truth")
 # What tells in a graph where the hands of the references are.

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from gesturegen import recordings
-from gesturegen.config import Config
+from gesturegen.data import recordings
 from gesturegen.errors import GesturegenError
-from gesturegen.parallel import Outcome, one_display
+from gesturegen.outcome import Outcome
+from gesturegen.parallel import one_display
 from gesturegen.pipeline.build_graph import build_graphs
 from gesturegen.pipeline.common import Summary
 from gesturegen.pipeline.evaluate import evaluate
 from gesturegen.pipeline.preprocess import preprocess
 from gesturegen.pipeline.reenact import reenact
 from gesturegen.pipeline.submit import pack
+from gesturegen.settings.models import Config
 
 
 def run(config: Config, jobs: int, quiet: bool, force: bool = False) -> Summary:

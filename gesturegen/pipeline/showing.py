@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gesturegen import render
-from gesturegen.clips import Reference, Speech
-from gesturegen.config import Config
-from gesturegen.graph.reference_frames import ReferenceFrames
+from gesturegen.data.clips import Reference, Speech
+from gesturegen.frames import ReferenceFrames
 from gesturegen.motion.skeleton import Motion
+from gesturegen.path import Path
 from gesturegen.pipeline import keyword_gestures, refiner
-from gesturegen.search.path import Path
+from gesturegen.settings.models import Config
 
 
 def show(

@@ -9,14 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from gesturegen import clips, files, inputs, keynodes, recordings, submission
-from gesturegen.config import Config
+from gesturegen import files, inputs, submission
+from gesturegen.data import clips, keynodes, recordings
 from gesturegen.errors import DataError
 from gesturegen.motion import bvh, cleanup
 from gesturegen.motion.skeleton import Skeleton
 from gesturegen.parallel import for_each
-from gesturegen.pipeline.common import Summary, clip_path, require_writable, work_path
+from gesturegen.pipeline.common import Summary, require_writable
+from gesturegen.settings.models import Config
 from gesturegen.speech import audio
+from gesturegen.workspace import clip_path, work_path
 
 
 def check(config: Config, folder: Path | None, strict: bool, jobs: int, quiet: bool) -> Summary:

@@ -8,16 +8,17 @@ from functools import partial
 from pathlib import Path
 
 from gesturegen import files, inputs
-from gesturegen.config import Config
 from gesturegen.errors import DataError
 from gesturegen.extras import need
 from gesturegen.joints import settings_for
 from gesturegen.motion import cleanup, space
 from gesturegen.parallel import for_each
-from gesturegen.pipeline.common import Summary, read_index, require_writable, work_path
+from gesturegen.pipeline.common import Summary, read_index, require_writable
 from gesturegen.pipeline.motions import folder_motions, folder_sounds, motion_files
+from gesturegen.settings.models import Config
 from gesturegen.speech import audio
 from gesturegen.video import encoding, figure, picture
+from gesturegen.workspace import work_path
 
 SMALLEST = 120
 

@@ -20,13 +20,13 @@ import torch
 from torch import Tensor
 
 from gesturegen import randomness
-from gesturegen.config import Refiner
 from gesturegen.errors import DataError
 from gesturegen.files import write_bytes
 from gesturegen.motion.skeleton import read_only
 from gesturegen.refine import checkpoints
 from gesturegen.refine.network import Critic, Generator
 from gesturegen.refine.representation import Description, Normalisation
+from gesturegen.settings.models import Refiner
 
 # Settings that a run may be taken up with when they have changed: they say how long, not how.
 _MAY_CHANGE = frozenset({"enabled", "checkpoint", "iterations", "patience", "device", "stride_seconds", "furthest_k"})

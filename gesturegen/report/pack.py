@@ -15,14 +15,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from gesturegen import evaluation
-from gesturegen.clips import Speech
-from gesturegen.config import Config
 from gesturegen.control.measures import UNITS
 from gesturegen.control.schedule import Demand, Measures
+from gesturegen.data.clips import Speech
 from gesturegen.errors import DataError
 from gesturegen.joints import settings_for
 from gesturegen.motion.skeleton import Motion
 from gesturegen.report import figure, sound
+from gesturegen.settings.models import Config
 from gesturegen.submission import GESTURE_PREFIX, shown_nodes
 
 STEPS_PER_FIGURE = 2000

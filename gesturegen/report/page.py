@@ -20,8 +20,8 @@ from pathlib import Path
 from gesturegen import evaluation, files
 from gesturegen.ablation.summary import FIGURES
 from gesturegen.ablation.tables import format_spread
-from gesturegen.config import Config
 from gesturegen.report import lengths
+from gesturegen.settings.models import Config
 from gesturegen.tables import beside_of, format_figure
 
 _SCRIPTS = ("figure.js", "timeline.js", "player.js", "controls.js")

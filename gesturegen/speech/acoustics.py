@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gesturegen.compiled import load_librosa
-from gesturegen.config import Acoustics as Settings
 from gesturegen.motion.skeleton import read_only
+from gesturegen.settings.speech import Acoustics as Settings
 
 # Samples that one value looks at: 93 ms at 22050 Hz.
 _WINDOW = 2048

@@ -18,9 +18,9 @@ import numpy as np
 
 from gesturegen import inputs
 from gesturegen.compiled import load_librosa
-from gesturegen.config import Onsets
 from gesturegen.errors import DataError
 from gesturegen.motion.skeleton import read_only
+from gesturegen.settings.speech import Onsets
 from gesturegen.speech import compressed
 from gesturegen.speech.channels import Mixer
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gesturegen.config import Phrases
 from gesturegen.runs import runs
+from gesturegen.settings.speech import Phrases
 from gesturegen.speech.transcript import Word
 
 # A gap of exactly the limit, in frames, is no pause, whatever the rounding of the limit.

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gesturegen.compiled import load_librosa
-from gesturegen.config import Prosody
 from gesturegen.motion.skeleton import read_only
+from gesturegen.settings.speech import Prosody
 
 # Nothing in a recording is heard below this level, and the logarithm of digital silence is not finite.
 _FLOOR_DB = -80.0

@@ -20,10 +20,10 @@ from functools import cache
 import numpy as np
 
 from gesturegen.compiled import load_librosa
-from gesturegen.config import Pauses
-from gesturegen.config import Voice as Settings
 from gesturegen.motion.skeleton import read_only
 from gesturegen.runs import runs
+from gesturegen.settings.speech import Pauses
+from gesturegen.settings.speech import Voice as Settings
 from gesturegen.speech.transcript import Word
 
 # What the network was trained on.

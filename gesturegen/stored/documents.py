@@ -17,7 +17,6 @@ from gesturegen import files
 from gesturegen.errors import DamagedError, DataError
 from gesturegen.stored.sealing import damaged, remade, sealed_text, unsealed_text
 
-Method = Literal["motion_graph", "gesture_master", "motion_matching", "baseline"]
 # Frames and nodes are numbered in 31 bits.
 Number = Annotated[int, Field(ge=0, lt=1 << 31)]
 Figure = Annotated[float, Field(allow_inf_nan=False)]
@@ -122,7 +121,7 @@ class Trace(_Model):
     """What explains the frames of a clip."""
 
     clip: str
-    method: Method
+    method: str
     search: str
     seed: Seed
     variant: Number = 1
@@ -203,7 +202,7 @@ class Manifest(_Model):
     """What `reenact` leaves of a run."""
 
     gesturegen: str
-    method: Method
+    method: str
     search: str
     seed: Seed
     config_hash: str

@@ -2,8 +2,9 @@
 
 import pytest
 
-from gesturegen.config import Condition, Control, load_config, resolve_bound, shared_time, time_text
 from gesturegen.errors import ConfigError
+from gesturegen.settings.control import Condition, Control, resolve_bound, shared_time, time_text
+from gesturegen.settings.loading import load_config
 from tests.builders import literally, refused
 
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from gesturegen.config import Control
 from gesturegen.control.gestures import Placement, placements
 from gesturegen.errors import DataError
+from gesturegen.settings.control import Control
 from tests import tiny
 from tests.builders import refused
 

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gesturegen.config import Control
 from gesturegen.control import schedule
 from gesturegen.control.measures import hand_measures
 from gesturegen.control.schedule import Demand
 from gesturegen.errors import DataError
+from gesturegen.settings.control import Control
 from tests.builders import SMALL, refused
 
 CLIP = "tst_001"

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import soundfile
 
-from gesturegen.config import configs_folder, load_config
 from gesturegen.demo import dataset as demo
 from gesturegen.doctor import dataset, examination, page
 from gesturegen.motion import bvh
 from gesturegen.motion.skeleton import Motion
+from gesturegen.settings.loading import configs_folder, load_config
 from tests.builders import write_dataset
 from tests.commands import succeed, tree
 from tests.motion.test_roles import LAFAN

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gesturegen.config import configs_folder
+from gesturegen.settings.loading import configs_folder
 from tests.test_gesture_master import CUTTING, settings, write_recording
 from tests.test_motion_matching import TINY
 

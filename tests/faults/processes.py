@@ -62,10 +62,10 @@ def command(jobs: int, number: int | None = None) -> None:
 
 def locked_command(folder: str) -> None:
     """The program: `work` by two workers that write into a locked folder."""
-    from gesturegen import supervision, workspace
+    from gesturegen import locks, supervision
 
     def run() -> None:
-        with workspace.locked([Path(folder)], "gesturegen run", False, print):
+        with locks.locked([Path(folder)], "gesturegen run", False, print):
             work(2)
 
     supervision.supervise(run)

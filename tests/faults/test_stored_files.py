@@ -20,10 +20,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gesturegen import clips, submission
+from gesturegen import submission
+from gesturegen.data import clips
 from gesturegen.errors import DataError
-from gesturegen.methods import load_library
-from gesturegen.pipeline import build_database
+from gesturegen.methods import libraries
+from gesturegen.methods.gesture_master import building as build_database
 from gesturegen.stored import arrays, documents
 from gesturegen.stored.sealing import seal_archive
 from tests.commands import run, succeed, tree
@@ -203,7 +204,7 @@ def read(path: Path):
     if path.name.endswith(".trace.json"):
         return submission.read_trace(path)
     if path.parent.name == "graphs":
-        return load_library(path)
+        return libraries.read(path)
     return arrays.read(path, clips.KIND if path.parent.name == "clips" else build_database._PART)
 
 

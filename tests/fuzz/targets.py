@@ -13,10 +13,12 @@ import av
 import numpy as np
 import soundfile
 
-from gesturegen import inputs, recordings
-from gesturegen.config import Config, load_config
+from gesturegen import inputs
+from gesturegen.data import recordings
 from gesturegen.motion import bvh, positions
 from gesturegen.motion.skeleton import Motion, Skeleton
+from gesturegen.settings.loading import load_config
+from gesturegen.settings.models import Config
 from gesturegen.speech import audio, compressed, transcript, transcripts
 from tests.builders import ARM, ARM_ROW, bursts, bvh_text, chain, random_motion
 

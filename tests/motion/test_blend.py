@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter1d
 
-from gesturegen.config import Blend
 from gesturegen.motion import blend, rotation
+from gesturegen.settings.models import Blend
 from tests.builders import SMALL, random_quaternions
 
 CURVES = ("linear", "sigmoid", "smoothstep")

@@ -5,9 +5,9 @@ from hypothesis import strategies as st
 from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
-from gesturegen.config import Wrists
 from gesturegen.motion import bvh, cleanup, rotation
 from gesturegen.motion.skeleton import Motion
+from gesturegen.settings.models import Wrists
 from tests.builders import SMALL, chain, make_skeleton, random_motion
 
 BODY = make_skeleton(["root", "forearm", "b_l_wrist_twist", "b_l_wrist", "finger"], [-1, 0, 1, 2, 3])

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter1d
 
-from gesturegen.config import Feet
 from gesturegen.metrics.feet import foot_skate
 from gesturegen.motion import feet, kinematics, rotation
 from gesturegen.motion.skeleton import Motion
+from gesturegen.settings.models import Feet
 from tests.builders import chain, make_skeleton, random_quaternions
 
 # GENEA's names and its twist joint; the toe is below what is locked, the arm has nothing to do with it.

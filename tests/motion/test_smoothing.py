@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import savgol_filter
 
-from gesturegen.config import Smoothing
 from gesturegen.motion import rotation
 from gesturegen.motion.skeleton import Motion
 from gesturegen.motion.smoothing import savitzky_golay
+from gesturegen.settings.models import Smoothing
 from tests.builders import SMALL, chain, random_motion, random_quaternions
 
 NONE, ALL = np.array([], dtype=int), np.arange(3)

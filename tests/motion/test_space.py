@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gesturegen.config import load_config
 from gesturegen.motion import axes, bvh, kinematics, roles, rotation, space
 from gesturegen.motion.skeleton import Motion, Space
+from gesturegen.settings.loading import load_config
 from tests.builders import POSITIONS, ZXY, chain, make_skeleton, random_motion
 from tests.motion.test_roles import BANDAI, CMU, LAFAN, UNREAL
 

@@ -3,12 +3,12 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from gesturegen.config import Refiner  # noqa: E402
 from gesturegen.errors import DataError  # noqa: E402
 from gesturegen.refine import checkpoints, training  # noqa: E402
 from gesturegen.refine.network import Critic, Generator  # noqa: E402
 from gesturegen.refine.representation import Description  # noqa: E402
 from gesturegen.refine.training import Pairs  # noqa: E402
+from gesturegen.settings.models import Refiner  # noqa: E402
 from tests.builders import refused  # noqa: E402
 
 TWO = Description(("left", "right"), 15.0)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from gesturegen.clips import Speech
-from gesturegen.config import load_config
+from gesturegen.data.clips import Speech
 from gesturegen.motion import rotation
 from gesturegen.motion.skeleton import Motion, Skeleton
 from gesturegen.report import pack, page
+from gesturegen.settings.loading import load_config
 from gesturegen.speech.transcript import Word
 from tests.builders import POSITIONS, ZXY, bursts
 

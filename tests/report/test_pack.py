@@ -12,10 +12,10 @@ import soundfile
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gesturegen.config import load_config
 from gesturegen.errors import DataError
 from gesturegen.motion import kinematics
 from gesturegen.report import figure, pack, sound
+from gesturegen.settings.loading import load_config
 from tests import tiny
 from tests.builders import SMALL, bursts, chain, random_motion, refused
 from tests.report import synthetic

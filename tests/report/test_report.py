@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gesturegen.config import load_config
-from gesturegen.graph import motion_graph
+from gesturegen.methods import libraries
 from gesturegen.report import lengths, page
+from gesturegen.settings.loading import load_config
 from gesturegen.stored import documents
 from gesturegen.submission import shown_nodes
 from tests import tiny
@@ -103,7 +103,7 @@ def test_every_clip_is_there_with_its_truth_its_sound_and_its_trace(recorded, wo
         assert [motion["label"] for motion in packed["motions"]] == ["generated", "truth"]
         assert packed["frames"] == 60 and base64.b64decode(packed["audio"]["ogg"]).startswith(b"OggS")
         trace = json.loads((work / f"reenact/{name}.trace.json").read_text())
-        graph = motion_graph.load(work / f"graphs/{trace['graph']}.npz")
+        graph = libraries.read(work / f"graphs/{trace['graph']}.npz")
         told = packed["motions"][0]["trace"]
         shown = shown_nodes(trace)
         assert told["source"] == graph.source_frames[shown].tolist()

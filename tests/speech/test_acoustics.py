@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.fft
 
-from gesturegen.config import Acoustics as Settings
+from gesturegen.settings.speech import Acoustics as Settings
 from gesturegen.speech.acoustics import Acoustics, measure
 
 DEFAULTS = Settings()

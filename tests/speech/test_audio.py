@@ -5,8 +5,8 @@ import warnings
 import numpy as np
 import pytest
 
-from gesturegen.config import Onsets
 from gesturegen.errors import DataError
+from gesturegen.settings.speech import Onsets
 from gesturegen.speech import audio
 from gesturegen.speech.audio import OnsetPeaks
 from tests.builders import bursts, data_folder, refused, write_audio

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gesturegen import keynodes
-from gesturegen.config import Pauses, Phrases
-from gesturegen.gestures.extraction import spoken
-from gesturegen.graph.motion_graph import phrase_nodes
+from gesturegen.data import keynodes
+from gesturegen.methods.gesture_master.extraction import spoken
+from gesturegen.methods.motion_graph.graph import phrase_nodes
 from gesturegen.runs import runs
+from gesturegen.settings.speech import Pauses, Phrases
 from gesturegen.speech.pauses import phrase_ends, speaking_frames
 from gesturegen.speech.transcript import Word
 from tests import naive, tiny

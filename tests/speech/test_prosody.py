@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 
-from gesturegen.config import Prosody
+from gesturegen.settings.speech import Prosody
 from gesturegen.speech.prosody import Contour, measure
 
 DEFAULTS = Prosody()

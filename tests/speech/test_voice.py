@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from gesturegen.config import Pauses
-from gesturegen.config import Voice as Settings
 from gesturegen.demo import speech as demo_speech
 from gesturegen.demo.speaker import speaker
 from gesturegen.demo.voice import synthesize
+from gesturegen.settings.speech import Pauses
+from gesturegen.settings.speech import Voice as Settings
 from gesturegen.speech import voice
 from gesturegen.speech.transcript import Word
 from gesturegen.speech.voice import Voice

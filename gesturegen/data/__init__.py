@@ -1,0 +1,1 @@
+"""Recordings as they lie on disk, and what is stored of them."""

@@ -1,1 +1,0 @@
-"""Gesture clips and their signatures (GestureMaster, Zhou et al. 2022)."""

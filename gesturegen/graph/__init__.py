@@ -1,1 +1,0 @@
-"""The gesture motion graph: key nodes, natural and unnatural edges (§4.1)."""

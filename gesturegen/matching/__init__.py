@@ -1,1 +1,0 @@
-"""Features of k-NN motion matching (Habibie et al. 2022)."""

@@ -1,0 +1,1 @@
+"""Recorded motion without any search, to compare methods with."""

@@ -1,0 +1,245 @@
+"""The contract of a method: what it has to say of itself, and the steps by which it comes to a path.
+
+A method is one class in one folder beside this file, entered in `METHODS`. Nothing outside the folder `methods` names
+one. Modules with kernels are imported inside the functions that need them, so that reading a config stays fast.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from gesturegen.data.clips import Reference, Speech
+    from gesturegen.errors import GesturegenError
+    from gesturegen.frames import ReferenceFrames
+    from gesturegen.outcome import Outcome
+    from gesturegen.path import Path
+    from gesturegen.settings.models import Config
+    from gesturegen.stored.arrays import Kind
+
+# Bytes of a worker with its libraries and compiled loops, and of each reference frame: the recording, the library, and
+# what building it or searching it needs beside them. Measured on demo references of 10 to 60 min, with a margin.
+WORKER_BYTES, BYTES_PER_FRAME = 350e6, 10_000
+
+
+@dataclass(frozen=True)
+class Job:
+    """A library that is to be built: with which settings, of which reference clips, and the file it goes to."""
+
+    config: Config
+    names: tuple[str, ...]
+    path: FilePath
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What was done for libraries before they are built, by library: parts, lines to say, errors and bugs."""
+
+    parts: Mapping[str, Any] = field(default_factory=dict)
+    notes: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    errors: Mapping[str, str] = field(default_factory=dict)
+    bugs: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Description:
+    """What to say of a library that was built: lines and notes, and patterns in the config that matched nothing in it.
+
+    unmatched : (key of the config, pattern, error)
+    """
+
+    lines: Sequence[str]
+    notes: Sequence[str] = ()
+    unmatched: Sequence[tuple[str, str, str]] = ()
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """All figures of a library: facts for JSON, lines for reading, and a function that draws a PNG, None without one."""
+
+    facts: dict
+    lines: Sequence[str]
+    draw: Callable[[str, BinaryIO], None] | None = None
+
+
+@dataclass(frozen=True)
+class Material:
+    """What a data set holds for methods: of the references that can be used, and of the tests."""
+
+    references: str
+    minutes: float
+    all_have_onsets: bool
+    gesture_clips: int
+    shared_keywords: int
+    joint_names: frozenset[str]
+    config: Config
+
+
+class Method(Protocol):
+    """A way to choose frames of references for speech; subclasses say what differs from the defaults here.
+
+    name : as in the config and in what the method stores
+    suffix : of the names of its files in `WORK/graphs`
+    settings : keys of the config that its library depends on
+    sections : of the config that say which clips it shows, such as mirrored ones
+    control : the setting with which it follows conditions on the hands, as a user writes it; None where it cannot
+    joint_settings : keys of its settings that name joints -> the roles that stand in for them on other skeletons
+    bodies : names of the tracks of its paths, the first of which the pieces of a trace are of
+    at_once : whether searching for many speeches together is faster than one by one
+    """
+
+    name: str
+    suffix: str
+    settings: tuple[str, ...]
+    sections: tuple[str, ...] = ()
+    control: str | None = None
+    joint_settings: Mapping[str, tuple[str, ...]] = {}
+    bodies: tuple[str, ...] = ()
+    at_once: bool = False
+
+    # --- what it says of a config
+
+    def search_name(self, config: Config) -> str:
+        """What it searches with under these settings."""
+        return self.name
+
+    def lacks(self, config: Config) -> str | None:
+        """What of recordings it needs that these settings do not measure, in one line; None when nothing is missing."""
+        return None
+
+    def follows_conditions(self, config: Config) -> bool:
+        """Whether it follows conditions on the hands under these settings."""
+        return False
+
+    def named_clips(self, config: Config) -> Iterable[tuple[str, str, str]]:
+        """Clips that its settings name: (key of the config, name or pattern, `test clip` or `reference clip`)."""
+        return ()
+
+    def advice(self, config: Config) -> str:
+        """What a user can do where it found nothing or nothing new."""
+        return "give longer references"
+
+    def thrift(self, config: Config) -> str | None:
+        """A setting with which it needs less memory; None where there is none."""
+        return None
+
+    def prospects(self, material: Material) -> Sequence[tuple[str, str, str]]:
+        """What it could do with a data set, for the doctor: (what, `yes`, `limited` or `no`, why)."""
+        return ((self.name, "yes", material.references),)
+
+    def bytes_needed(self, reference_frames: int, test_frames: int, config: Config, kept_frames: int) -> float:
+        """Bytes that a worker needs at most; kept_frames : of another library, held until the next one is read."""
+        return WORKER_BYTES + BYTES_PER_FRAME * (reference_frames + kept_frames)
+
+    # --- the library
+
+    def part(self, reference: Reference, config: Config) -> Any:
+        """What one reference brings to a library; DataError when it is unfit."""
+        ...
+
+    def assemble(self, parts: Sequence[Any], config: Config) -> ReferenceFrames:
+        """The library of several parts; DataError when their skeletons differ."""
+        ...
+
+    def kind(self) -> Kind:
+        """The format of its stored library."""
+        ...
+
+    def library_type(self) -> type[ReferenceFrames]:
+        """The class of its library."""
+        ...
+
+    def prepare(
+        self, jobs: Mapping[str, Job], todo: Collection[str], run: Callable[[Mapping, str], Outcome]
+    ) -> Prepared:
+        """Do in several processes what `build` would do in one.
+
+        todo : the jobs whose libraries are not there yet; run : tasks by title and a label -> their outcome
+        """
+        return Prepared()
+
+    def build(self, job: Job, prepared: Any = None) -> ReferenceFrames:
+        """The library of a job; prepared : its parts, of `prepare`."""
+        from gesturegen.data.stored_clips import load_references
+
+        parts = prepared or [self.part(reference, job.config) for reference in load_references(job.config, job.names)]
+        return self.assemble(parts, job.config)
+
+    def built(self, job: Job) -> None:
+        """Called once the library of a job is stored."""
+
+    def shown_clips(self, config: Config, names: Sequence[str]) -> Sequence[Reference]:
+        """The clips of a library in the order of its nodes, for rendering what it shows of them."""
+        from gesturegen.data.stored_clips import load_references
+
+        return load_references(config, names)
+
+    def describe(self, library: ReferenceFrames, config: Config) -> Description:
+        """What `build-graph` says of a library."""
+        return Description([f"{library.n_nodes} nodes"])
+
+    def inspect(self, library: ReferenceFrames) -> Inspection:
+        """What `inspect` says of a library."""
+        from gesturegen.methods.inspection import inspect_frames
+
+        return inspect_frames(library)
+
+    def piece_name(self, library: ReferenceFrames, nodes: Sequence[int]) -> str | None:
+        """The name of what a piece shows as a whole; None where it has none."""
+        return None
+
+    def shows_whole_pieces(self) -> bool:
+        """Whether each piece of its paths has a `piece_name`."""
+        return False
+
+    # --- the search
+
+    def search(
+        self, library: ReferenceFrames, speech: Speech, config: Config, rng: np.random.Generator,
+        earlier: Sequence[Path] = (),
+    ) -> Path:  # fmt: skip
+        """A path for a whole test speech; earlier : the paths of other variants, from which it should differ."""
+        ...
+
+    def search_all(
+        self, library: ReferenceFrames, speeches: Mapping[str, Speech], config: Config
+    ) -> dict[str, Path | GesturegenError]:
+        """Paths for many speeches, by name, or what keeps one from having any; the same as one by one."""
+        from gesturegen.errors import GesturegenError
+        from gesturegen.randomness import generator
+
+        found: dict[str, Path | GesturegenError] = {}
+        for name, speech in speeches.items():
+            try:
+                found[name] = self.search(library, speech, config, generator(config.seed, name))
+            except GesturegenError as error:
+                found[name] = error
+        return found
+
+    def stand_in(
+        self, library: ReferenceFrames, reference: Reference, k: int, config: Config, rng: np.random.Generator
+    ) -> Path:
+        """The k-th best path for the speech of a reference that shows something else; only of methods that can."""
+        raise NotImplementedError(f"{self.name} shows no k-th best path")
+
+    def objective(self, library: ReferenceFrames, speech: Speech, nodes: np.ndarray, config: Config) -> float:
+        """What a path costs by the objective of the optimal search; NaN where there is none.
+
+        nodes : int [shape=(n_frames,)], shown in each frame of the speech
+        """
+        return float("nan")
+
+    # --- compiled loops
+
+    def build_loops(self) -> Mapping[str, Callable[[], object]]:
+        """Functions that compile what building needs, by name, for a start in which nothing is compiled twice."""
+        return {}
+
+    def search_loops(self) -> Mapping[str, Callable[[], object]]:
+        """Functions that compile what searching needs, by name."""
+        return {}

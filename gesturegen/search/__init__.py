@@ -1,1 +1,0 @@
-"""Searching a motion graph for a test speech (§4.2)."""

@@ -1,0 +1,20 @@
+"""What all sections of the settings share: their strictness and the kinds of numbers that they hold."""
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Positive = Annotated[float, Field(gt=0)]
+
+NotNegative = Annotated[float, Field(ge=0)]
+
+Count = Annotated[int, Field(ge=1)]
+
+Share = Annotated[float, Field(ge=0, le=1)]
+
+# Of one file that are told; each takes a look for the nearest name.
+MOST_MISTAKES = 20
+
+
+class Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
