@@ -77,7 +77,7 @@ bench: install  ## time and memory of each stage, beside the obvious implementat
 
 docs: $(VENV)/installed-docs  ## the pages of docs/ as a site in site/; fails where a link or an anchor is broken
 	$(BIN)/python scripts/check_links.py README.md CONTRIBUTING.md
-	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --strict --clean
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --clean
 
 $(VENV)/installed-docs: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
