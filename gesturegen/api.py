@@ -42,10 +42,12 @@ def read_motion(path: Place, config: str | Place = remembered.RECOMMENDED) -> Mo
     Rotations are local unit quaternions `[shape=(T, J, 4)]`, wxyz; positions are local, `[shape=(T, J, 3)]`.
 
     - `path`: the BVH file
-    - `config`: file, or name of a config that comes with gesturegen
+    - `config`: file, or name of a config that comes with gesturegen, `best` unless told otherwise
 
     Raises `DataError` with file and line, `ConfigError` for the config.
 
+    Examples
+    --------
     >>> import gesturegen as gg
     >>> motion = gg.read_motion("take.bvh")
     >>> motion.fps
@@ -63,10 +65,12 @@ def read_speech(
 
     - `audio`: the sound file
     - `transcript`: of any kind that the commands read; without it, the sound tells when somebody speaks
-    - `config`: file, or name of a config that comes with gesturegen
+    - `config`: file, or name of a config that comes with gesturegen, `best` unless told otherwise
 
     Raises `DataError` and `ConfigError`.
 
+    Examples
+    --------
     >>> import gesturegen as gg
     >>> speech = gg.read_speech("speech.wav", "speech.tsv")
     >>> speech.n_frames, speech.fps  # 8 seconds
@@ -120,15 +124,18 @@ class Gesture:
 class Gesturer:
     """Make gestures for new speech from recordings of a speaker.
 
-    - `config`: file, or name of a config that comes with gesturegen
+    - `config`: file, or name of a config that comes with gesturegen, `best` unless told otherwise
     - `settings`: such as `{"seed": 1, "onsets.min_strength": 0.4}`, over those of the config
     - `jobs`: worker processes, which change no result
 
     Raises `ConfigError`.
 
+    Examples
+    --------
     >>> import gesturegen as gg
     >>> gesturer = gg.Gesturer(config="best", settings={"seed": 1})
-    >>> gesture = gesturer.fit([("take.bvh", "take.wav", "take.tsv")]).gesture("speech.wav", "speech.tsv")
+    >>> gesturer = gesturer.fit([("take.bvh", "take.wav", "take.tsv")])
+    >>> gesture = gesturer.gesture("speech.wav", "speech.tsv")
     >>> gesture.motion.n_frames  # 8 seconds
     240
     >>> gesture.trace["search"]
@@ -232,10 +239,12 @@ def measure(
 
     - `motion`, `truth`: motions or BVH files; `truth` is the true motion of that speech
     - `audio`: the sound file
-    - `config`: file, or name of a config that comes with gesturegen
+    - `config`: file, or name of a config that comes with gesturegen, `best` unless told otherwise
 
     Returns the figures by their names in `metrics.csv`; None where there is none. Raises `DataError` and `ConfigError`.
 
+    Examples
+    --------
     >>> import gesturegen as gg
     >>> figures = gg.measure("take.bvh", "take.wav", truth="take.bvh")
     >>> figures["syn"]  # the mean difference to itself
