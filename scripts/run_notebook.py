@@ -9,7 +9,6 @@ picture where it plots.
 from __future__ import annotations
 
 import argparse
-import os
 import tempfile
 from pathlib import Path
 
@@ -26,9 +25,6 @@ def main() -> None:
     notebook = nbformat.read(given.notebook, as_version=4)
     with tempfile.TemporaryDirectory() as folder:
         client = NotebookClient(notebook, timeout=600, kernel_name="python3", resources={"metadata": {"path": folder}})
-        client.create_kernel_manager()
-        if os.name == "posix":
-            client.km.transport = "ipc"  # other users of the machine cannot listen
         try:
             client.execute()
         except CellExecutionError as error:
