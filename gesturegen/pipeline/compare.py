@@ -23,8 +23,8 @@ from gesturegen.ablation.summary import Setup
 from gesturegen.ablation.tables import aligned_blocks, beside_cells, format_spread, markdown_blocks
 from gesturegen.data import clips
 from gesturegen.errors import DataError, GesturegenError
-from gesturegen.evaluation import Measure
 from gesturegen.methods import METHODS, libraries
+from gesturegen.metrics.measures import Measure
 from gesturegen.metrics.usage import training_utilisation
 from gesturegen.motion import cleanup, space
 from gesturegen.parallel import for_each, one_display
