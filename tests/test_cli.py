@@ -98,6 +98,7 @@ def test_the_manifest_holds_the_hashes(finished):
         assert row["files"] == {name: present[name] for name in row["files"]} and len(row["files"]) == 2
 
 
+@pytest.mark.slow
 def test_bytes_do_not_depend_on_the_number_of_workers(finished, recorded, tmp_path):
     for command in COMMANDS:
         succeed(command, "--data", recorded, "--work", tmp_path, "-j", 2)
