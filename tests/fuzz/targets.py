@@ -187,7 +187,7 @@ def _samples_hold(path: Path, found: tuple[np.ndarray, int]) -> None:
     assert samples.dtype == np.float32 and samples.ndim == 1 and len(samples)
     assert np.isfinite(samples).all() and low <= rate <= high
     try:
-        with soundfile.SoundFile(path) as file:
+        with compressed.overheard(), soundfile.SoundFile(path) as file:
             # Else the header does not tell how many there are, or only guesses.
             told = 0 < file.frames <= audio.MOST_SECONDS * file.samplerate and file.format not in ("MP3", "MPEG")
             if told and file.frames == len(samples):
@@ -228,14 +228,15 @@ def _sounds(seeds: tuple[bytes, ...], suffix: str) -> Target:
     return Target(seeds, tokens, suffix, audio.read_samples, _samples_hold, binary=True)
 
 
-def _encoded(container: str) -> bytes:
-    """A quarter of a second of AAC, as FFmpeg writes it."""
+def _encoded(container: str, layout: str = "mono") -> bytes:
+    """A quarter of a second of AAC, as FFmpeg writes it; of eight channels PyAV used to read a ninth, and crashed."""
     file = io.BytesIO()
     with av.open(file, "w", format=container) as out:
-        stream = out.add_stream("aac", rate=16000, layout="mono")
-        part = bursts([0.05], 0.256, 16000)[None].astype(np.float32)
-        for start in range(0, part.shape[1], 1024):
-            frame = av.AudioFrame.from_ndarray(np.ascontiguousarray(part[:, start : start + 1024]), "fltp", "mono")
+        stream = out.add_stream("aac", rate=16000, layout=layout)
+        samples = bursts([0.05], 0.256, 16000)[None].astype(np.float32)
+        for start in range(0, samples.shape[1], 1024):
+            part = np.repeat(samples[:, start : start + 1024], stream.layout.nb_channels, axis=1)
+            frame = av.AudioFrame.from_ndarray(part, "flt", layout)
             frame.sample_rate, frame.pts = 16000, start
             out.mux(stream.encode(frame))
         out.mux(stream.encode(None))
@@ -344,8 +345,9 @@ TARGETS = {
     "OGG": _sounds((_sound(format="OGG"), _sound(2, format="OGG")), ".ogg"),
     "Opus": _sounds((_sound(format="OGG", subtype="OPUS"), _sound(2, format="OGG", subtype="OPUS")), ".opus"),
     "MP3": _sounds((_sound(format="MP3", subtype="MPEG_LAYER_III"), _sound(2, format="MP3", subtype="MPEG_LAYER_III")), ".mp3"),
-    "M4A": _sounds((_encoded("ipod"),), ".m4a"),
-    "AAC": _sounds((_encoded("adts"),), ".aac"),
+    "M4A": _sounds((_encoded("ipod"), _encoded("ipod", "7.1")), ".m4a"),
+    "AAC": _sounds((_encoded("adts"), _encoded("adts", "7.1")), ".aac"),
+    "WebM": _sounds((_encoded("matroska"),), ".webm"),
     "transcript": _text_target(
         ("0.1\t0.4\thello there\n0.5\t0.9\tone\n1.0\t1.2\t#\n", "0 1 hi\r\n1 2 two words\r\n4.9 9.5 é\r\n"),
         _TSV_TOKENS, ".tsv", _read_words, _words_hold,

@@ -144,10 +144,11 @@ def test_good_inputs_are_accepted(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", TARGETS)
-def test_damaged_inputs_end_in_one_line_or_hold(name, tmp_path):
+def test_damaged_inputs_end_in_one_line_or_hold(name, tmp_path, capfd):
     target = TARGETS[name]
     path = place(target, tmp_path)
     accepted = sum(_try_number(target, path, number) for number in range(COUNT))
+    assert capfd.readouterr().err == "", "a library wrote past the one line"
     print(f"{name}: {accepted} of {COUNT} damaged inputs accepted")
     assert accepted < COUNT
 
@@ -177,7 +178,7 @@ def made_up(target: Target) -> st.SearchStrategy[bytes]:
 
 
 @pytest.mark.parametrize("name", TARGETS)
-def test_made_up_inputs_end_in_one_line_or_hold(name, tmp_path):
+def test_made_up_inputs_end_in_one_line_or_hold(name, tmp_path, capfd):
     target = TARGETS[name]
     path = place(target, tmp_path)
 
@@ -187,3 +188,4 @@ def test_made_up_inputs_end_in_one_line_or_hold(name, tmp_path):
         try_to_read(target, path, data)
 
     read()
+    assert capfd.readouterr().err == "", "a library wrote past the one line"
