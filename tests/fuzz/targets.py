@@ -22,10 +22,12 @@ from tests.builders import ARM, ARM_ROW, bursts, bvh_text, chain, random_motion
 
 # A keyword list of one word saves reading the one that comes with gesturegen.
 _BRIEF = "keywords.words={hey: hey}"
+# Letters, as far as YAML is concerned, that no terminal shows: for private use, unassigned, turning the line around.
+_NOT_PRINTABLE = ("\ue000", "\ud7fc", "\u202e")
 _YAML_TOKENS = (
     ": ", "\n", "  ", "- ", "[", "]", "{", "}", ", ", "'", '"', "#", "|", ">", "&a ", "*a", "<<: ", "!!int ", "!x ", "---\n",
     "...\n", "? ", "%YAML 1.2\n", "~", "null", "true", "no", "010", "1:30", "2020-13-45", ".inf", "-.nan", "1e999", "0x1F", "9" * 30,
-    "9" * 4301, "\\U00110000", '"\\ud800"', '"\\n"', "\t", "\x00", "\x1b", "\u2028", "\ufeff", "é", "[" * 60, "- " * 60, "=", "1_0",
+    "9" * 4301, "\\U00110000", '"\\ud800"', '"\\n"', "\t", "\x00", "\x1b", "\u2028", "\ufeff", "é", "[" * 60, "- " * 60, "=", "1_0", *_NOT_PRINTABLE,
 )  # fmt: skip
 _CSV_TOKENS = (
     ",",
@@ -44,11 +46,12 @@ _CSV_TOKENS = (
     "1e999",
     "nan",
     "é",
+    *_NOT_PRINTABLE,
 )
 _BVH_TOKENS = (
     "HIERARCHY", "ROOT a", "JOINT b", "End Site", "OFFSET 0 0 0", "CHANNELS 3 Xrotation Yrotation Zrotation", "CHANNELS ²",
     "{", "}", "MOTION", "Frames: 3", "Frames: 99999999", "Frames:", "Frame Time: 0.03", "Frame Time: 1e-9", "\n", "\r", "\t", "1e200",
-    "1e999", "nan", "inf", "1_0", "٣", "-", "<<<<<<<", "\x00", "\x1b", "\u2028", "0 " * 50,
+    "1e999", "nan", "inf", "1_0", "٣", "-", "<<<<<<<", "\x00", "\x1b", "\u2028", "0 " * 50, *_NOT_PRINTABLE,
 )  # fmt: skip
 _TSV_TOKENS = (
     "\t",
@@ -66,6 +69,7 @@ _TSV_TOKENS = (
     "\x1b",
     "0",
     "-1",
+    *_NOT_PRINTABLE,
 )
 
 
@@ -289,7 +293,7 @@ item []:
             mark = "a"
 '''
 _CUE_TOKENS = ("-->", "00:00:01,000", "00:60.000", "1:00:00.5", "\n\n", "\n", "<i>", "<00:00:01.000>", "{\\an8}", "[music]", "&#0;", "&#xD800;",
-               "7", "\x00", "\u2028", "<" * 50, "[" * 50)  # fmt: skip
+               "7", "\x00", "\u2028", "<" * 50, "[" * 50, *_NOT_PRINTABLE)  # fmt: skip
 
 
 TARGETS = {
