@@ -115,7 +115,7 @@ def refuse_cut_off(path: Path, seconds: float, announced: float, least_share=1.0
     """DataError where there are clearly fewer seconds than announced."""
     if seconds < least_share * announced - slack:
         raise DataError(
-            f"{inputs.shown(path)}: the file is cut off or damaged: {seconds:.1f} of {announced:.1f} s; copy it again"
+            f"{inputs.shown(path)}: the file is cut off or damaged: {seconds:.1f} of {announced:.1f} s; copy it again, or convert it to WAV if that is all"
         )
 
 
