@@ -7,10 +7,11 @@ backtracked one. The threshold is applied later, so that it can change without r
 
 from __future__ import annotations
 
-import os
+import io
 import struct
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -147,20 +148,28 @@ def read(path: str | Path, channel: str | int = "mix") -> Sound:
         try:
             size = inputs.size(opened)
             mended = _refuse_cut_off(path, opened, size)
-            os.lseek(opened.fileno(), 0, os.SEEK_SET)  # seek() may stay inside its buffer
-            head = os.read(opened.fileno(), 12)
-            os.lseek(opened.fileno(), 0, os.SEEK_SET)
-            foreign = compressed.kind(head)
+            # Without its buffer, which would not know where libsndfile leaves off.
+            plain = io.FileIO(opened.fileno(), closefd=False)
+            plain.seek(0)
+            foreign = compressed.kind(plain.read(12))
+            plain.seek(0)
             try:
                 source = _Mended(opened, mended) if mended else opened.fileno()
-                with _sequential(soundfile)(source, closefd=False) as file:
-                    _check_format(path, file.format, file.samplerate, file.channels)
-                    return _read_sound(path, file, size, channel)
+                # libmpg123, in libsndfile, says on standard error alone that it leaves something out.
+                with compressed.overheard() if foreign else nullcontext() as heard:
+                    with _sequential(soundfile)(source, closefd=False) as file:
+                        _check_format(path, file.format, file.samplerate, file.channels)
+                        announced = file.frames / file.samplerate if file.format in _GUESSED else None
+                        sound = _read_sound(path, file, size, channel)
             except soundfile.SoundFileError:
                 if foreign is None:
                     raise
-            opened.seek(0)
-            decoder = compressed.Decoder(path, opened, foreign)
+            else:
+                if announced and compressed.counts_its_frames(plain):
+                    compressed.refuse_cut_off(path, len(sound.samples) / sound.rate, announced)
+                return replace(sound, notes=(*sound.notes, *compressed.notes(inputs.shown(path.name), heard or [])))
+            plain.seek(0)
+            decoder = compressed.Decoder(path, plain, foreign)
             _check_format(path, None, decoder.rate, decoder.n_channels)
             return _gather(path, decoder.blocks(), decoder.rate, decoder.n_channels, size, channel)
         except OSError as error:

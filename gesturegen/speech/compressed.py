@@ -5,7 +5,11 @@ PyAV is what the extra `video` installs; without it such a file is refused in on
 
 from __future__ import annotations
 
+import os
+import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import BinaryIO
 
@@ -14,8 +18,22 @@ import numpy as np
 from gesturegen import extras, inputs
 from gesturegen.errors import DataError
 
-# Of a duration that the container announces; encoders pad their last frame, and clocks are coarse.
-_LEAST_SHARE, _SLACK_SECONDS = 0.98, 0.5
+# Of a length that the file announces: two frames of MP3; encoders pad their last frame.
+_SLACK_SECONDS = 0.15
+# The clocks of containers are coarse.
+_CONTAINER_SHARE, _CONTAINER_SLACK_SECONDS = 0.98, 0.5
+# Only what is in the file itself: no playlist, no other file, no network, none of FFmpeg's many other formats.
+_OPTIONS = {"protocol_whitelist": "pipe", "format_whitelist": "mov,matroska,aac,mp3"}
+# Of a frame; no recorder changes them midway.
+_SETTINGS = {
+    "the sample rate": lambda frame: frame.sample_rate,
+    "the number of channels": lambda frame: frame.layout.nb_channels,
+    "the channel layout": lambda frame: frame.layout.name,
+    "the sample format": lambda frame: frame.format.name,
+}
+_MOST_LINES = 1000
+_END = "\0 end"
+_one_listens = threading.Lock()
 
 
 def kind(head: bytes) -> str | None:
@@ -31,6 +49,76 @@ def kind(head: bytes) -> str | None:
     return None
 
 
+def counts_its_frames(file: BinaryIO) -> bool:
+    """Whether an MP3 file says how long it is; else its length is guessed from its size.
+
+    By a Xing header (`Info` where the bit rate is constant), which stands in the place of the first frame's sound.
+    """
+    file.seek(0)
+    tag = file.read(10)
+    # The length of an ID3 tag has seven bits of each byte.
+    start = 10 + sum(byte << shift for byte, shift in zip(tag[6:], (21, 14, 7, 0), strict=False))
+    file.seek(start if tag[:3] == b"ID3" else 0)
+    first = file.read(80)
+    at = max(first.find(b"Xing"), first.find(b"Info"))
+    # Of the four bytes of flags the last bit says that the number of frames follows.
+    return at >= 0 and bool(sum(first[at + 7 : at + 8]) & 1)
+
+
+@contextmanager
+def overheard() -> Iterator[list[str]]:
+    """Take what libmpg123 writes to standard error meanwhile, past Python; the list, filled at the end, is of what it lost.
+
+    At most 1,000 lines are kept. Nothing of it is shown. Where standard error is closed nothing is heard.
+    """
+    lost: list[str] = []
+    with _one_listens:
+        try:
+            shown = os.dup(2)
+        except OSError:
+            yield lost
+            return
+        reading, writing = os.pipe()
+        listener = threading.Thread(target=_listen, args=(reading, lost), daemon=True)
+        listener.start()
+        os.dup2(writing, 2)
+        os.close(writing)
+        try:
+            yield lost
+        finally:
+            # Not the end of the pipe, which a process that was started meanwhile may hold open.
+            os.write(2, f"\n{_END}\n".encode())
+            os.dup2(shown, 2)
+            os.close(shown)
+            listener.join()
+
+
+def _listen(reading: int, lost: list[str]) -> None:
+    with open(reading, encoding="utf-8", errors="replace") as lines:
+        for line in iter(lambda: lines.readline(1000), f"{_END}\n"):
+            # Others are of what follows the sound, or say the same once more.
+            if ("error: " in line or line.startswith("Note: Skipped")) and len(lost) < _MOST_LINES:
+                lost.append(line.rpartition("error: ")[2].removeprefix("Note: ").strip().rstrip("."))
+
+
+def notes(name: str, lost: list[str]) -> tuple[str, ...]:
+    """One line where the decoder lost anything (`overheard`) of a file of this name."""
+    if not lost:
+        return ()
+    return (
+        f"{name}: damaged in {'over ' if len(lost) == _MOST_LINES else ''}{len(lost):,} place{'s' * (len(lost) > 1)} (the "
+        f"first: {inputs.shown(lost[0])}); sound is missing there, and what follows may come too early; copy it again",
+    )
+
+
+def refuse_cut_off(path: Path, seconds: float, announced: float, least_share=1.0, slack=_SLACK_SECONDS) -> None:
+    """DataError where there are clearly fewer seconds than announced."""
+    if seconds < least_share * announced - slack:
+        raise DataError(
+            f"{inputs.shown(path)}: the file is cut off or damaged: {seconds:.1f} of {announced:.1f} s; copy it again, or convert it to WAV if that is all"
+        )
+
+
 class Decoder:
     """The first sound stream of an open file: `rate`, `n_channels`, and its samples in blocks."""
 
@@ -43,28 +131,45 @@ class Decoder:
                 f"{inputs.shown(path)}: this is {what}, which needs PyAV: {error}; or convert it to WAV"
             ) from None
         with self._one_line():
-            # Only what is in the file itself: no playlist, no other file, no network.
-            self._container = self._av.open(file, "r", options={"protocol_whitelist": "pipe"})
+            self._container = self._av.open(file, "r", options=_OPTIONS)
             if not self._container.streams.audio:
                 raise DataError(f"{inputs.shown(path)}: {what} without any sound in it; give the file with the speech")
-            self._stream = self._container.streams.audio[0]
-            self.rate, self.n_channels = int(self._stream.rate or 0), int(self._stream.codec_context.channels or 0)
-            duration, base = self._stream.duration, self._stream.time_base
+            stream = self._container.streams.audio[0]
+            duration, base = stream.duration, stream.time_base
             self.announced_seconds = float(duration * base) if duration and base and duration > 0 else None
+            self._frames = self._container.decode(stream)
+            # Headers may say something else than what then comes, or nothing.
+            self._first = next(self._frames, None)
+            if self._first is None:
+                raise DataError(f"{inputs.shown(path)}: holds no audio (0 s); record or copy it again")
+            self.rate, self.n_channels = int(self._first.sample_rate), self._first.layout.nb_channels
 
     def blocks(self) -> Iterator[np.ndarray]:
         """Blocks `[shape=(n, channels)]` float32; DataError where the file is damaged or ends too early."""
         count = 0
         with self._one_line():
-            resampler = self._av.AudioResampler(format="fltp", layout=self._stream.layout, rate=self.rate)
-            for frame in self._container.decode(self._stream):
+            # One plane for all channels: of eight and more, PyAV reads planes that are not there.
+            resampler = self._av.AudioResampler(format="flt", layout=self._first.layout, rate=self.rate)
+            for frame in chain([self._first], self._frames):
+                self._refuse_change(frame, count)
                 for part in resampler.resample(frame):
+                    block = np.frombuffer(part.planes[0], np.float32, part.samples * self.n_channels)
                     count += part.samples
-                    yield part.to_ndarray().T
-        if self.announced_seconds and count / self.rate < _LEAST_SHARE * self.announced_seconds - _SLACK_SECONDS:
-            raise DataError(
-                f"{inputs.shown(self.path)}: the file is cut off: {count / self.rate:.1f} of {self.announced_seconds:.1f} s; copy it again"
+                    yield block.reshape(-1, self.n_channels).copy()
+        if self.announced_seconds:
+            refuse_cut_off(
+                self.path, count / self.rate, self.announced_seconds, _CONTAINER_SHARE, _CONTAINER_SLACK_SECONDS
             )
+
+    def _refuse_change(self, frame, count: int) -> None:
+        """DataError for a frame unlike the first one."""
+        for what, of in _SETTINGS.items():
+            was, becomes = of(self._first), of(frame)
+            if was != becomes:
+                raise DataError(
+                    f"{inputs.shown(self.path)}: damaged: {what} changes from {was} to {becomes} at "
+                    f"{count / self.rate:.3f} s; copy it again or convert it to WAV"
+                )
 
     def _one_line(self):
         return _OneLine(self)
