@@ -161,12 +161,12 @@ def _animation(gltf, data: _Buffer, motion: Motion, turns: np.ndarray, moves: np
     rotations = _xyzw(continuous(motion.rotations)).astype(np.float32)
     positions = (motion.positions / CENTIMETRES_PER_METRE).astype(np.float32)
     # An animation needs a channel, even one of a body that stands still.
-    tracks = [(j, "rotation", rotations[:, j], "VEC4") for j in np.flatnonzero(turns)]
-    tracks += [(j, "translation", positions[:, j], "VEC3") for j in np.flatnonzero(moves)]
+    tracks = [(j, "rotation", rotations[:, j], "VEC4") for j in np.flatnonzero(turns).tolist()]
+    tracks += [(j, "translation", positions[:, j], "VEC3") for j in np.flatnonzero(moves).tolist()]
     samplers, channels = [], []
     for joint, path, values, kind in tracks or [(0, "translation", positions[:, 0], "VEC3")]:
         samplers.append(gltf.AnimationSampler(input=times, output=data.add(values, kind), interpolation="LINEAR"))
-        target = gltf.AnimationChannelTarget(node=int(joint), path=path)
+        target = gltf.AnimationChannelTarget(node=joint, path=path)
         channels.append(gltf.AnimationChannel(sampler=len(samplers) - 1, target=target))
     return gltf.Animation(name=name, samplers=samplers, channels=channels)
 

@@ -126,15 +126,15 @@ def _wrists(skeleton: Skeleton, found: Roles) -> list[int]:
 
 def _roll_first(skeleton: Skeleton, found: Roles) -> str | None:
     """The order of angles in which that about the forearm comes first; None without forearms."""
-    ways = []
+    ways: list[np.ndarray] = []
     for side in SIDES:
-        joint, elbow, way = found[f"{side}_wrist"], found[f"{side}_elbow"], 0.0
+        joint, elbow, way = found[f"{side}_wrist"], found[f"{side}_elbow"], np.zeros(3)
         while elbow >= 0 and joint > elbow:
             way = way + abs(skeleton.offsets[joint])
             joint = int(skeleton.parents[joint])
         if elbow >= 0:
             ways.append(way)
-    return _ROLL_FIRST[int(sum(ways).argmax())] if ways else None
+    return _ROLL_FIRST[int(np.sum(ways, axis=0).argmax())] if ways else None
 
 
 def _finger_roots(skeleton: Skeleton, found: Roles) -> list[int]:

@@ -60,6 +60,7 @@ def render(path: Path, references: Sequence[Reference], graph: ReferenceFrames, 
     rendered = [_render_track(track, recorded, graph, pelvis, config) for track in path.tracks]
     motion, standing = rendered[0].motion, rendered[0]
     for track, part in zip(path.tracks[1:], rendered[1:], strict=True):
+        assert track.joints is not None  # of several tracks, each after the first says what it moves
         joints = [skeleton.names.index(name) for name in track.joints]
         motion = _with_joints(motion, part.motion, joints)
         if pelvis in joints:
@@ -68,6 +69,7 @@ def render(path: Path, references: Sequence[Reference], graph: ReferenceFrames, 
         limbs = body.split(skeleton, pelvis).limbs
         motion = smoothing.savitzky_golay(motion, limbs, config.smoothing)
     if config.feet.lock:
+        assert standing.as_recorded is not None  # each track keeps it where feet are locked
         motion = feet.lock(motion, standing.as_recorded, standing.bearing, standing.jumps, pelvis, config.feet)
     rotations = motion.rotations.copy()
     if config.fingers == "rest":
@@ -168,11 +170,13 @@ class _Recorded:
             parts.append(_on_skeleton(motion.take(frames), self.first.skeleton))
             bearing.append(_foot_contacts(motion, feet_joints)[frames])
             motions.append(motion)
+        written_joints, written_angles = written_of(parts)
         self.motion = replace(
             self.first,
             rotations=np.concatenate([part.rotations for part in parts]),
             positions=np.concatenate([part.positions for part in parts]),
-            **written_of(parts),
+            written_joints=written_joints,
+            written_angles=written_angles,
         )
         self._bearing = np.concatenate(bearing)
         self.travelling = kinematics.travelling_joint(motions)

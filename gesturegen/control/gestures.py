@@ -68,5 +68,6 @@ def _times(entry: KeywordGesture, speech: Speech) -> list[float]:
     """When a gesture is wanted, in seconds."""
     if entry.at is not None:
         return [entry.at]
+    assert entry.word is not None  # the settings demand one of `word` and `at`
     word = normalize(entry.word)
     return [said.start for said in speech.words if said.text == word]

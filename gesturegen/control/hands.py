@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gesturegen.control.measures import hand_measures
 from gesturegen.errors import DataError
@@ -34,7 +35,7 @@ def of_nodes(library: ReferenceFrames, control: Control) -> dict[tuple[str, str]
 
 
 def of_positions(
-    positions: np.ndarray, joint_names: Sequence[str], segment_starts: Sequence[int], fps: float, control: Control,
+    positions: np.ndarray, joint_names: Sequence[str], segment_starts: ArrayLike, fps: float, control: Control,
     by_role: Sequence[str] = (),
 ) -> dict[tuple[str, str], np.ndarray]:  # fmt: skip
     """The same of positions `[shape=(T, J, 3)]` of named joints, seen from the pelvis, cm; by_role : as in `names`."""

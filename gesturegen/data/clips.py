@@ -246,7 +246,7 @@ class Clip:
         return self._speech(config, round(self.duration * config.fps))
 
     def reference(self, config: Config) -> Reference:
-        if self.motion is None:
+        if self.motion is None or self.source_frames is None or self.segment_starts is None:
             raise DataError(f"clip {self.name} has no motion, so it cannot be a reference")
         return Reference(
             self.name, self.motion, self._speech(config, self.n_recorded), self.source_frames, self.segment_starts
@@ -291,6 +291,10 @@ def prepare(recording: Recording, config: Config, with_motion: bool) -> Clip:
 
 
 def _with_motion(clip: Clip, recording: Recording, config: Config) -> Clip:
+    if recording.motion_path is None:
+        raise DataError(
+            f"clip {recording.name}: no BVH file beside it; add {recording.name}.bvh, or blacklist the clip"
+        )
     notes = list(clip.notes)
     motion = space.read(recording.motion_path, config)
     notes += space.notes(motion.skeleton, config) + unknown_names(motion.skeleton, config)
@@ -418,6 +422,7 @@ def save(path: str | Path, clip: Clip, config: Config, digest: str = "") -> None
             "acoustics_rate": np.array(clip.acoustics.rate),
         }
     if clip.motion is not None:
+        assert clip.source_frames is not None and clip.segment_starts is not None  # a clip with motion has both
         skeleton = clip.motion.skeleton
         joints, _ = select_joints(skeleton, config)
         arrays |= {

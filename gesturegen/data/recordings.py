@@ -312,6 +312,8 @@ def choose_references(
     limit = config.references.seconds
     if limit is None:
         return chosen
+    if durations is None:
+        raise ValueError("references.seconds needs the durations of the references")
     return {test: _until(limit, hand, durations, config.fps) for test, hand in chosen.items()}
 
 
@@ -338,6 +340,7 @@ def _choose_by_mode(
     if mode == "all":
         return {test: tuple(names) for test in sorted(tests)}
     if mode == "list":
+        assert config.references.list_file is not None  # the settings demand it in this mode
         return _pinned(tests, names, Path(config.references.list_file), failed)
     if mode == "speaker":
         return {test: _of_speaker(test, speakers.get(test), references) for test in sorted(tests)}

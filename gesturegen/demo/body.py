@@ -147,7 +147,7 @@ def _foot_paths(
         soon = int((time + 0.5) * FPS)
         misplaced = {side: homes[side][soon] - steps[side][-1].target for side in _SIDES}
         lag = {side: np.linalg.norm(miss[:3]) + 20.0 * abs(miss[3]) for side, miss in misplaced.items()}
-        side = max(lag, key=lag.get)
+        side = max(lag, key=lag.__getitem__)
         if lag[side] > _STEP_FROM:
             arc = np.array([0.0, rng.uniform(1.5, 3.5), 0.0, 0.0])
             steps[side].append(Move(time, time + rng.uniform(0.45, 0.65), homes[side][soon], arc))

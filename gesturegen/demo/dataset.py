@@ -64,6 +64,7 @@ def clip_specs(
     if references < 0 or tests < 0 or seed < 0:
         raise ConfigError(f"references {references}, tests {tests}, seed {seed}: none may be negative")
     specs = []
+    ranges: tuple[tuple[Literal["trn", "tst"], int, tuple[float, float], float], ...]
     ranges = (("trn", references, reference_seconds, 0.30), ("tst", tests, test_seconds, 0.15))
     for split, count, (shortest, longest), mean in ranges:
         if not 10.0 <= shortest <= longest <= 3600.0:

@@ -120,7 +120,7 @@ def _make_stroke(
     amplitude = speaker.amplitude * (0.8 + 0.7 * beat.stress)
     lead = "r" if rng.random() < speaker.right_share else "l"
     named = beat.keyword is not None
-    shape = shapes.keyword_shape(beat.keyword, lead) if named else shapes.free_shape(rng, amplitude)
+    shape = shapes.free_shape(rng, amplitude) if beat.keyword is None else shapes.keyword_shape(beat.keyword, lead)
     both = shape.both or (not named and rng.random() < speaker.both_share)
     other = "l" if lead == "r" else "r"
     length = float(np.clip(rng.normal(0.46, 0.06), 0.34, 0.6))

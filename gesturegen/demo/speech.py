@@ -199,7 +199,8 @@ def _split_syllable(spelling: str) -> tuple[str, str, str]:
     """Consonants, vowels, consonants of a syllable as spelled; `y` is a vowel where no other is."""
     vowels = "aeiou" if re.search("[aeiou]", spelling.lower()) else "aeiouy"
     match = re.match(rf"([^{vowels}]*)([{vowels}]*)(.*)", spelling.lower())
-    return match.groups()
+    assert match is not None  # the pattern fits any text
+    return match[1], match[2], match[3]
 
 
 def consonants_and_vowel(syllable: Syllable) -> tuple[str, str, str]:

@@ -125,17 +125,15 @@ def _read_sound(recording: Recording, found: Examined, config: Config) -> Clip |
         )
         clip = clips.prepare(replace(recording, transcript_path=None, other_transcripts=()), config, with_motion=False)
     found.seconds = clip.duration
-    _look_at_level(sound, found)
+    silent = _look_at_level(sound, found) < _SILENT_DB
     for note in sound.notes:
         found.add("channels", note, "set audio.channel")
     voiced = clip.voiced(config)
     heard = audio.voiced_seconds(voiced)
-    silent = found.level < _SILENT_DB
     found.voiced = heard / clip.duration
     found.n_words = len(clip.words)
-    found.keywords = tuple(
-        sorted({config.keywords.words[w.text] for w in clip.words if w.text in config.keywords.words})
-    )
+    keywords = config.keywords.words or {}
+    found.keywords = tuple(sorted({keywords[word.text] for word in clip.words if word.text in keywords}))
     if not silent:
         if heard < min(_LEAST_SPEECH_SECONDS, 0.1 * clip.duration):
             found.add(
@@ -158,19 +156,19 @@ def _read_sound(recording: Recording, found: Examined, config: Config) -> Clip |
     return clip
 
 
-def _look_at_level(sound: audio.Sound, found: Examined) -> None:
+def _look_at_level(sound: audio.Sound, found: Examined) -> float:
     samples = sound.samples
     power = float(np.mean(np.square(samples, dtype=np.float64)))
-    found.level = 10 * np.log10(max(power, 1e-20))
-    if found.level < _SILENT_DB:
+    level = found.level = float(10 * np.log10(max(power, 1e-20)))
+    if level < _SILENT_DB:
         found.add(
-            "silent", f"the audio is silent ({max(found.level, -200):.0f} dB)", "check that this is the speaker's audio"
+            "silent", f"the audio is silent ({max(level, -200):.0f} dB)", "check that this is the speaker's audio"
         )
-        return
-    if found.level < _QUIET_DB:
+        return level
+    if level < _QUIET_DB:
         found.add(
             "quiet",
-            f"the audio is very quiet ({found.level:.0f} dB)",
+            f"the audio is very quiet ({level:.0f} dB)",
             "use onsets.per_second, which does not depend on loudness",
         )
     largest = float(np.abs(samples).max())
@@ -183,6 +181,7 @@ def _look_at_level(sound: audio.Sound, found: Examined) -> None:
             f"{100 * share:.1f} % of the samples are clipped at {largest:.2f}",
             "record it at a lower gain, or repair it",
         )
+    return level
 
 
 def _look_at_words(clip: Clip, found: Examined, config: Config) -> None:
@@ -196,8 +195,8 @@ def _look_at_words(clip: Clip, found: Examined, config: Config) -> None:
     for word in clip.words:
         written[np.searchsorted(times, word.start) : np.searchsorted(times, word.end)] = True
     shift, best, there = _fit(heard, written, len(heard) / clip.duration)
-    both = np.count_nonzero(heard & written)
-    covered, true = both / max(np.count_nonzero(heard), 1), both / max(np.count_nonzero(written), 1)
+    both, n_heard, n_written = (int(np.count_nonzero(windows)) for windows in (heard & written, heard, written))
+    covered, true = both / max(n_heard, 1), both / max(n_written, 1)
     paused = min(np.count_nonzero(~heard), np.count_nonzero(~written)) >= _LEAST_PAUSED * len(heard)
     apart = "its words do not lie where a voice is heard"
     if abs(shift) > _LEAST_SHIFT_SECONDS and best >= _FITTING and best - there >= _FITTING_BETTER:

@@ -106,7 +106,7 @@ def _best(heard: np.ndarray, moved: np.ndarray, fps: float) -> tuple[float, floa
     """The lag in seconds with the highest correlation, that, and by how much it exceeds those over a second away."""
     most = min(round(LARGEST_LAG_SECONDS * fps), len(heard) // 3)
     lags = np.arange(-most, most + 1)
-    scores = np.array([_correlation(heard, moved, lag) for lag in lags])
+    scores = np.array([_correlation(heard, moved, lag) for lag in lags.tolist()])
     best = int(scores.argmax())
     others = scores[np.abs(lags - lags[best]) >= fps]
     return float(lags[best] / fps), float(scores[best]), float(scores[best] - others.max(initial=-1.0))

@@ -11,6 +11,15 @@ from html import escape
 from gesturegen import __version__
 from gesturegen.doctor.examination import UNFIT, Examined
 
+
+def _figure(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _lag(one: Examined) -> str:
+    return "-" if one.lag is None else f"{one.lag:+.2f}" if one.lag_sure else "?"
+
+
 # Heading, what it means, and the text of a recording.
 COLUMNS = (
     ("s", "duration of the audio", lambda one: _figure(one.seconds, 1)),
@@ -21,7 +30,7 @@ COLUMNS = (
     ("speech %", "share of the audio in which somebody speaks", lambda one: _figure(one.voiced and 100 * one.voiced, 0)),
     ("onsets/s", "per second of speech", lambda one: _figure(one.onset_rate, 2)),
     ("words", "in the transcript", lambda one: _figure(one.n_words, 0)),
-    ("lag s", "of the motion behind the sound; ? where it does not stand out", lambda one: _lag(one)),
+    ("lag s", "of the motion behind the sound; ? where it does not stand out", _lag),
 )  # fmt: skip
 _STYLE = """
 :root { color-scheme: light dark; --paper: #fff; --panel: #f3f4f6; --ink: #1b1f24; --soft: #59636e; --line: #d0d7de;
@@ -158,11 +167,3 @@ def _table(headings: Sequence[str], rows: Sequence[str], texts: int = 0) -> str:
     )
     scroll = '<div class="scroll" tabindex="0" role="region" aria-label="table">'
     return f"{scroll}<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
-
-
-def _figure(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
-
-
-def _lag(one: Examined) -> str:
-    return "-" if one.lag is None else f"{one.lag:+.2f}" if one.lag_sure else "?"

@@ -23,6 +23,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.signal import argrelextrema
 
 A2M_ORDER, HANDS_ORDER, LEAST_SHARE = 7, 5, 0.1
@@ -62,7 +63,7 @@ def speeds(positions: np.ndarray) -> np.ndarray:
 
 
 def surplus(
-    onset_frames: Sequence[int], beats: Sequence[np.ndarray], n_frames: int, *, fps: float, sigma_seconds: float
+    onset_frames: ArrayLike, beats: Sequence[np.ndarray], n_frames: int, *, fps: float, sigma_seconds: float
 ) -> Surplus:
     """Alignment of a clip's onsets and motion beats over chance.
 

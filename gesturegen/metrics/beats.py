@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.signal import find_peaks
 
 # Joints whose files put them at their parent's place (GENEA's arm_twist) have a direction made of rounding
@@ -29,7 +30,7 @@ from scipy.signal import find_peaks
 SHORTEST_SHARE_OF_LONGEST = 1e-4
 
 
-def selected_parents(parents: Sequence[int], joints: Sequence[int]) -> np.ndarray:
+def selected_parents(parents: np.ndarray | Sequence[int], joints: np.ndarray | Sequence[int]) -> np.ndarray:
     """For each of `joints`, the place in `joints` of its nearest ancestor that is there too, -1 for none.
 
     parents : int [shape=(J,)], parent of every joint of the skeleton, -1 for the root
@@ -46,7 +47,7 @@ def selected_parents(parents: Sequence[int], joints: Sequence[int]) -> np.ndarra
     return np.array(found, dtype=np.int64)
 
 
-def angle_change_rate(positions: np.ndarray, parents: Sequence[int], *, fps: float) -> np.ndarray:
+def angle_change_rate(positions: ArrayLike, parents: ArrayLike, *, fps: float) -> np.ndarray:
     """Mean angle by which the bone directions turn from the frame before, per second.
 
         rate(t) = fps * mean over j of acos(u_j(t) . u_j(t - 1))
@@ -82,7 +83,7 @@ def angle_change_rate(positions: np.ndarray, parents: Sequence[int], *, fps: flo
     return rates
 
 
-def motion_beats(rates: np.ndarray, *, fps: float, extrema: str = "maxima", min_prominence: float = 1e-6) -> np.ndarray:
+def motion_beats(rates: ArrayLike, *, fps: float, extrema: str = "maxima", min_prominence: float = 1e-6) -> np.ndarray:
     """Times of the local extrema of the angle change rate.
 
     rates : float [shape=(T,)], rad/s, as `angle_change_rate` gives them
@@ -102,7 +103,7 @@ def motion_beats(rates: np.ndarray, *, fps: float, extrema: str = "maxima", min_
     return np.sort(np.concatenate(frames)) / fps
 
 
-def beat_distance(onset_times: np.ndarray, beat_times: np.ndarray) -> float:
+def beat_distance(onset_times: ArrayLike, beat_times: ArrayLike) -> float:
     """BC as a distance: mean over audio onsets of the time to the nearest motion beat, in seconds.
 
     onset_times : float [shape=(A,)], seconds; beat_times : float [shape=(B,)], seconds, in any order
@@ -112,7 +113,7 @@ def beat_distance(onset_times: np.ndarray, beat_times: np.ndarray) -> float:
     return float(distances.mean()) if len(distances) and np.size(beat_times) else float("nan")
 
 
-def beat_kernel(onset_times: np.ndarray, beat_times: np.ndarray, *, sigma_seconds: float = 0.1) -> float:
+def beat_kernel(onset_times: ArrayLike, beat_times: ArrayLike, *, sigma_seconds: float = 0.1) -> float:
     """BC as a score: mean over audio onsets of exp(-d^2 / (2 sigma^2)), d the time to the nearest motion
     beat.
 
@@ -129,7 +130,7 @@ def beat_kernel(onset_times: np.ndarray, beat_times: np.ndarray, *, sigma_second
     return float(np.exp(-0.5 * (distances / sigma_seconds) ** 2).mean())
 
 
-def nearest_distances(onset_times: np.ndarray, beat_times: np.ndarray) -> np.ndarray:
+def nearest_distances(onset_times: ArrayLike, beat_times: ArrayLike) -> np.ndarray:
     """Time from each onset to its nearest beat, float64 [shape=(A,)], seconds; NaN where there is no beat."""
     onsets = np.asarray(onset_times, dtype=np.float64).ravel()
     beats = np.sort(np.asarray(beat_times, dtype=np.float64).ravel())

@@ -27,6 +27,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.stats import rankdata
 
@@ -71,7 +72,7 @@ def kinematic_features(positions: np.ndarray, *, around: int = AROUND_FRAMES) ->
 
 
 def label_frames(
-    n_frames: int, seam_frames: Sequence[int], *, near: int = NEAR_FRAMES, far: int = FAR_FRAMES
+    n_frames: int, seam_frames: ArrayLike, *, near: int = NEAR_FRAMES, far: int = FAR_FRAMES
 ) -> tuple[np.ndarray, np.ndarray]:
     """Which frames are looked at, and which of them are at a seam: two bool arrays `[shape=(n_frames,)]`."""
     seams = np.sort(np.asarray(seam_frames, dtype=np.int64))
@@ -85,7 +86,7 @@ def label_frames(
     return (distance <= near) | (distance >= far), distance <= near
 
 
-def seam_auc(features: np.ndarray, is_seam: Sequence[bool], clip_of_frame: Sequence[int], *, seed: int = 0) -> float:
+def seam_auc(features: ArrayLike, is_seam: ArrayLike, clip_of_frame: ArrayLike, *, seed: int = 0) -> float:
     """How well a random forest tells the frames at seams of clips that it has not seen: 0.5 is chance, 1 always.
 
     features : float [shape=(N, ...)], one row per frame that is looked at, in order of time within each clip
@@ -97,7 +98,7 @@ def seam_auc(features: np.ndarray, is_seam: Sequence[bool], clip_of_frame: Seque
     return auc_over_folds(found.scores, found.is_seam, found.folds)
 
 
-def held_out_scores(features: np.ndarray, is_seam: np.ndarray, clip_of_frame: np.ndarray, *, seed: int = 0) -> HeldOut:
+def held_out_scores(features: ArrayLike, is_seam: np.ndarray, clip_of_frame: np.ndarray, *, seed: int = 0) -> HeldOut:
     """Score each frame by a forest that has not seen its clip; arguments as of `seam_auc`."""
     from sklearn.ensemble import RandomForestClassifier
 
@@ -133,7 +134,7 @@ def auc_over_folds(scores: np.ndarray, is_seam: np.ndarray, folds: np.ndarray) -
 
 
 def group_aucs(
-    features: np.ndarray, is_seam: Sequence[bool], clip_of_frame: Sequence[int], groups: Mapping[str, Sequence[int]],
+    features: np.ndarray, is_seam: ArrayLike, clip_of_frame: ArrayLike, groups: Mapping[str, Sequence[int]],
     *, seed: int = 0,
 ) -> dict[str, float]:  # fmt: skip
     """AUC of `seam_auc` by some joints alone, to see what gives the seams away.
@@ -146,7 +147,7 @@ def group_aucs(
     }
 
 
-def jerk_at_seams_less_elsewhere(features: np.ndarray, is_seam: Sequence[bool]) -> np.ndarray:
+def jerk_at_seams_less_elsewhere(features: ArrayLike, is_seam: ArrayLike) -> np.ndarray:
     """Mean log jerk of each joint at seams less that elsewhere `[shape=(J,)]`: under 0 too smooth, over 0 too rough.
 
     features : [shape=(N, J, 3, 3)], as of `kinematic_features`; NaN where either kind has no frame

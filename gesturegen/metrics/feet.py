@@ -14,10 +14,10 @@ Conventions
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gesturegen.motion.feet import CONTACT_HEIGHT, FLOOR_PERCENTILE, contacts
 
@@ -35,8 +35,8 @@ class FootSkate(NamedTuple):
 
 
 def foot_skate(
-    positions: np.ndarray,
-    foot_joints: Sequence[int],
+    positions: ArrayLike,
+    foot_joints: ArrayLike,
     *,
     fps: float,
     height: float = CONTACT_HEIGHT,

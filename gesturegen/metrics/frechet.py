@@ -92,10 +92,10 @@ def window_frechet_distance(
 
 
 def _clips(side: np.ndarray | Sequence[np.ndarray]) -> Sequence[np.ndarray]:
-    return [side] if isinstance(side, np.ndarray) and side.ndim == 3 else side
+    return [side] if isinstance(side, np.ndarray) and side.ndim == 3 else list(side)
 
 
 def _covariance_factor(samples: np.ndarray) -> np.ndarray:
     """A matrix of at most D rows whose product A^T A is the covariance of the samples."""
     centred = (samples - samples.mean(axis=0)) / np.sqrt(len(samples) - 1)
-    return np.linalg.qr(centred, mode="r") if len(centred) > centred.shape[1] else centred
+    return np.asarray(np.linalg.qr(centred, mode="r")) if len(centred) > centred.shape[1] else centred

@@ -104,7 +104,7 @@ def canonical_correlation(generated: np.ndarray, truth: np.ndarray, *, rank_tole
     ranks = [basis.shape[1] for basis in bases]
     if min(ranks) == 0 or sum(ranks) > common - 1:
         return float("nan")
-    return float(min(1.0, np.linalg.norm(bases[0].T @ bases[1], ord=2)))
+    return min(1.0, float(np.linalg.norm(bases[0].T @ bases[1], ord=2)))
 
 
 def genea_compat(positions: np.ndarray, *, fps: float) -> GeneaCompat:

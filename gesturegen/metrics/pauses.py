@@ -10,12 +10,11 @@ Conventions
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
+from numpy.typing import ArrayLike
 
 
-def pause_share(paused: Sequence[bool], shown_nodes: Sequence[int], speaking: Sequence[bool]) -> float:
+def pause_share(paused: ArrayLike, shown_nodes: ArrayLike, speaking: ArrayLike) -> float:
     """Share of the test speech's pause frames that show a frame of a pause of the reference.
 
     paused : bool [shape=(T,)], the test speech's pauses; shown_nodes : int [shape=(T,)], the node shown at each
@@ -28,9 +27,7 @@ def pause_share(paused: Sequence[bool], shown_nodes: Sequence[int], speaking: Se
     return float(np.mean(~speaking[np.asarray(shown_nodes)[paused]]))
 
 
-def mean_speed(
-    positions: np.ndarray, frames: Sequence[bool], segment_starts: Sequence[int] = (0,), *, fps: float
-) -> float:
+def mean_speed(positions: np.ndarray, frames: ArrayLike, segment_starts: ArrayLike = (0,), *, fps: float) -> float:
     """Mean speed of all joints at some frames, cm/s; NaN where none of them has a speed.
 
     positions : float [shape=(T, J, 3)], cm; frames : bool [shape=(T,)]
@@ -43,9 +40,7 @@ def mean_speed(
     return float(np.linalg.norm(steps[places] - steps[places - 1], axis=-1).mean() * fps)
 
 
-def source_speed(
-    positions: np.ndarray, nodes: Sequence[int], segment_starts: Sequence[int] = (0,), *, fps: float
-) -> float:
+def source_speed(positions: np.ndarray, nodes: ArrayLike, segment_starts: ArrayLike = (0,), *, fps: float) -> float:
     """Mean speed that the shown frames had where they were recorded, cm/s; NaN where none has a speed.
 
     positions : float [shape=(N, J, 3)], of the reference; nodes : int [shape=(T,)], shown, each counted as often

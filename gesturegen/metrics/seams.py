@@ -15,10 +15,10 @@ Conventions
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 FRAMES_BEFORE, FRAMES_AFTER = 2, 1
 
@@ -56,15 +56,15 @@ class JoinStatistics(NamedTuple):
 
 
 def seam_jerk(
-    positions: np.ndarray,
-    seam_frames: Sequence[int],
-    source_frames: Sequence[int],
-    source_positions: np.ndarray,
-    source_segment_starts: Sequence[int],
+    positions: ArrayLike,
+    seam_frames: ArrayLike,
+    source_frames: ArrayLike,
+    source_positions: ArrayLike,
+    source_segment_starts: ArrayLike,
     *,
     fps: float,
     radius: int = 4,
-    joints: Sequence[int] | None = None,
+    joints: ArrayLike | None = None,
 ) -> SeamJerk:
     """Mean jerk within `radius` frames of a seam over the mean jerk of the same frames in the reference.
 
@@ -108,9 +108,7 @@ def seam_jerk(
     return SeamJerk(generated / source if source > 0 else float("nan"), generated, source, len(near))
 
 
-def join_statistics(
-    distances: Sequence[float], natural: Sequence[bool], *, n_frames: int, fps: float
-) -> JoinStatistics:
+def join_statistics(distances: ArrayLike, natural: ArrayLike, *, n_frames: int, fps: float) -> JoinStatistics:
     """How many hard joins there are and how far they jump.
 
     distances : float [shape=(K,)], pose distance d from the successor of the left side's last node to the
@@ -133,14 +131,14 @@ def join_statistics(
     )
 
 
-def _near_seams(n_frames: int, seam_frames: Sequence[int], radius: int) -> np.ndarray:
+def _near_seams(n_frames: int, seam_frames: ArrayLike, radius: int) -> np.ndarray:
     """Output frames within `radius` of any seam, ascending, each once."""
     seams = np.asarray(seam_frames, dtype=np.int64).reshape(-1, 1)
     frames = np.unique(seams + np.arange(-radius, radius + 1))
     return frames[(frames >= 0) & (frames < n_frames)]
 
 
-def _inside_segment(frames: np.ndarray, n_frames: int, segment_starts: Sequence[int]) -> np.ndarray:
+def _inside_segment(frames: np.ndarray, n_frames: int, segment_starts: ArrayLike) -> np.ndarray:
     """For each of `frames` the nearest one whose jerk lies inside its segment, -1 where there is none."""
     starts = np.asarray(segment_starts, dtype=np.int64)
     if not len(starts) or starts[0] != 0 or np.any(np.diff(starts) <= 0) or starts[-1] > n_frames:

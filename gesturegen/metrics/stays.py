@@ -16,10 +16,10 @@ Conventions
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 STUTTER_FRAMES, SAME_FRAMES, AGAIN_SECONDS = 15, 3, 10.0
 
@@ -36,7 +36,7 @@ class Stays(NamedTuple):
 
 
 def stays(
-    shown_nodes: Sequence[int], seam_frames: Sequence[int], clip_starts: Sequence[int], *, fps: float,
+    shown_nodes: ArrayLike, seam_frames: ArrayLike, clip_starts: ArrayLike, *, fps: float,
     stutter_frames: int = STUTTER_FRAMES, same_frames: int = SAME_FRAMES, again_seconds: float = AGAIN_SECONDS,
 ) -> Stays:  # fmt: skip
     """Length of stays, stutters and repeats of one clip.

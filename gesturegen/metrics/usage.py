@@ -16,6 +16,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
 class ReferenceUse(NamedTuple):
@@ -45,7 +46,7 @@ class TrainingUtilisation(NamedTuple):
     overall: float
 
 
-def reference_use(source_frames: Sequence[int], n_reference_frames: int) -> ReferenceUse:
+def reference_use(source_frames: ArrayLike, n_reference_frames: int) -> ReferenceUse:
     """Coverage and repetition of the reference in one clip.
 
     source_frames : int [shape=(T,)], the reference frame (graph node) shown at each output frame
@@ -70,7 +71,7 @@ def reference_use(source_frames: Sequence[int], n_reference_frames: int) -> Refe
     )
 
 
-def key_node_share(key_frames: Sequence[int], shown_nodes: Sequence[int], is_stop: Sequence[bool]) -> float:
+def key_node_share(key_frames: ArrayLike, shown_nodes: ArrayLike, is_stop: ArrayLike) -> float:
     """Share of the test speech's key nodes at which the motion shows a stop node.
 
     key_frames : int [shape=(K,)], frames of the key nodes in the test speech

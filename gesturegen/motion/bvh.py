@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from pathlib import Path
 from typing import BinaryIO
@@ -92,7 +92,11 @@ def _blocks(motion: Motion) -> Iterator[str]:
 
 
 def hierarchy_text(
-    names: list[str], parents: list[int], offsets: np.ndarray, end_sites: np.ndarray, channels: list[tuple[str, ...]]
+    names: Sequence[str],
+    parents: Sequence[int],
+    offsets: np.ndarray,
+    end_sites: np.ndarray,
+    channels: Sequence[tuple[str, ...]],
 ) -> str:
     """The HIERARCHY section of a skeleton that was not read from a file."""
     lines = ["HIERARCHY"]
@@ -207,7 +211,7 @@ class _Hierarchy:
             while words:
                 word, keyword = words[0], words[0].upper()
                 if word == "{":
-                    if pending == "none":
+                    if isinstance(pending, str):
                         raise self.fail(number, "a brace opens that belongs to no joint; check the hierarchy")
                     if len(stack) == MOST_LEVELS:
                         raise self.fail(number, f"more than {MOST_LEVELS} levels of joints; export the motion again")
@@ -272,10 +276,13 @@ class _Hierarchy:
             raise self.fail(number, f"joint name {name!r} stands twice; rename one of the joints")
         if keyword == "ROOT" and self.names:
             raise self.fail(number, f"a second ROOT {name!r}; only one skeleton per file can be read")
-        if keyword == "JOINT" and (not stack or stack[-1] is None):
-            raise self.fail(number, f"JOINT {name!r} stands outside any joint; check the braces")
+        parent = -1
+        if keyword == "JOINT":
+            if not stack or stack[-1] is None:
+                raise self.fail(number, f"JOINT {name!r} stands outside any joint; check the braces")
+            parent = stack[-1]
         self.names.append(name)
-        self.parents.append(-1 if keyword == "ROOT" else stack[-1])
+        self.parents.append(parent)
         self.offsets.append([0.0, 0.0, 0.0])
         self.end_sites.append([np.nan] * 3)
         self.channels.append(())
@@ -284,8 +291,8 @@ class _Hierarchy:
     def _set_offset(self, number: int, words: list[str], stack: list, offset_seen: set[int]) -> None:
         if not self.names or not stack:
             raise self.fail(number, "OFFSET outside any joint; check the braces")
-        offset = [inputs.decimal(word) for word in words]
-        if len(offset) != 3 or None in offset or np.abs(offset).max() > _LARGEST_VALUE:
+        offset = [value for word in words if (value := inputs.decimal(word)) is not None]
+        if len(offset) != 3 or np.abs(offset).max() > _LARGEST_VALUE:
             found = inputs.shown(" ".join(words)[:60])
             raise self.fail(number, f"OFFSET needs three numbers of at most {_LARGEST_VALUE:g}, found {found!r}")
         if stack[-1] is None:
@@ -480,11 +487,11 @@ def _to_motion(skeleton: Skeleton, values: np.ndarray, fps: float) -> Motion:
             columns_of.append(rotation_columns)
     still = np.ptp(values, axis=0) == 0
     for order, (joints_of, columns_of) in by_order.items():
-        joints, columns = np.array(joints_of), np.array(columns_of)
+        turning, columns = np.array(joints_of), np.array(columns_of)
         # A third of GENEA's joints never turn: convert their one pose once.
         constant = still[columns].all(axis=1)
-        rotations[:, joints[constant]] = rotation.from_euler(order, np.radians(values[:1][:, columns[constant]]))
-        rotations[:, joints[~constant]] = rotation.from_euler(order, np.radians(values[:, columns[~constant]]))
+        rotations[:, turning[constant]] = rotation.from_euler(order, np.radians(values[:1][:, columns[constant]]))
+        rotations[:, turning[~constant]] = rotation.from_euler(order, np.radians(values[:, columns[~constant]]))
     return Motion(skeleton, rotations, positions, fps, *_written_angles(skeleton, values))
 
 

@@ -46,7 +46,8 @@ def continuous(
     result: list[list[float]] = []
     mirrored = False  # whether the curves are those of the file with the other equivalent angles
     # Plain numbers: arrays of three take ten times as long.
-    rows, own_rows = np.asarray(angles, dtype=np.float64).tolist(), None if written is None else written.tolist()
+    rows: list[list[float]] = np.asarray(angles, dtype=np.float64).tolist()
+    own_rows: list[list[float]] = [] if written is None else written.tolist()
     for frame, (own, took) in enumerate(zip(rows, taken.tolist(), strict=True)):
         expected = result[-1] if frame else own
         if took and not frame:
@@ -74,11 +75,12 @@ def _nearest(own: list[float], expected: list[float], parity: float, one_axis: b
     if one_axis:
         return turned(own)
     choices = []
-    for a, b, c in (own, (own[0] + 180.0, 180.0 - own[1], own[2] + 180.0)):
+    for first, b, last in (own, (own[0] + 180.0, 180.0 - own[1], own[2] + 180.0)):
         if abs(math.cos(math.radians(b))) < _LOCKED:
             sign = math.copysign(parity, parity * math.sin(math.radians(b)))
-            off = (a + sign * c) - (expected[0] + sign * expected[2])
+            off = (first + sign * last) - (expected[0] + sign * expected[2])
             off -= 360.0 * round(off / 360.0)
-            a, c = expected[0] + off / 2.0, expected[2] + sign * off / 2.0
-        choices.append(turned([a, b, c]))
+            choices.append(turned([expected[0] + off / 2.0, b, expected[2] + sign * off / 2.0]))
+        else:
+            choices.append(turned([first, b, last]))
     return min(choices, key=lambda angles: sum(abs(a - e) for a, e in zip(angles, expected, strict=True)))

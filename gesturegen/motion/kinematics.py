@@ -41,9 +41,10 @@ def joint_positions(motion: Motion, joints: list[int] | None = None) -> np.ndarr
 def _with_ancestors(skeleton: Skeleton, joints: list[int]) -> list[int]:
     needed: set[int] = set()
     for joint in joints:
-        while joint >= 0 and joint not in needed:
-            needed.add(joint)
-            joint = int(skeleton.parents[joint])
+        above = joint
+        while above >= 0 and above not in needed:
+            needed.add(above)
+            above = int(skeleton.parents[above])
     return sorted(needed)
 
 

@@ -62,7 +62,8 @@ def _read(name: str) -> _Name:
     words = _WORDS.findall(re.split(r"[:|]", name)[-1])
     lower = [word.lower() for word in words]
     side = ""
-    kept, number = [], ""
+    kept: list[str] = []
+    number = ""
     for place, word in enumerate(lower):
         if word.isdigit():
             number = word
@@ -310,10 +311,10 @@ def _by_shape(tree: _Tree, named: Mapping[str, int]) -> dict[str, int]:
     for parts, pair in (
         (("hip", "knee", "ankle"), (left_leg, right_leg)), (("upper_arm", "elbow", "wrist"), (left_arm, right_arm)),
     ):  # fmt: skip
-        limbs = [_limb(tree, branch) for branch in pair]
-        if any(limb is None for limb in limbs):
+        limbs = [limb for branch in pair if (limb := _limb(tree, branch)) is not None]
+        if len(limbs) < len(pair):
             return {}
-        for side, limb in zip(SIDES, _left_first(tree, limbs, found.get("left_hip", -1)), strict=True):
+        for side, limb in zip(SIDES, _left_first(tree, limbs), strict=True):
             found |= {f"{side}_{part}": joint for part, joint in zip(parts, limb[:3], strict=True)}
             if parts[0] == "hip" and len(limb) > 3:
                 found[f"{side}_toes"] = limb[3]
@@ -408,7 +409,7 @@ def _limb(tree: _Tree, branch: int) -> list[int] | None:
     return [upper, lower, chain[longest[1]], *rest[:1]]
 
 
-def _left_first(tree: _Tree, limbs: list[list[int]], left_hip: int) -> list[list[int]]:
+def _left_first(tree: _Tree, limbs: list[list[int]]) -> list[list[int]]:
     """Two limbs, the left one first: by names, else on the side of the left hip, else at larger x at rest.
 
     A body at rest faces along z, with y or z up.
@@ -435,7 +436,7 @@ def _spine(tree: _Tree, joints: Mapping[str, int]) -> tuple[int, ...]:
     chest = tree.meeting(ends)
     if chest < 0 or not tree.above(pelvis, chest) or chest == pelvis:
         return ()
-    return tuple([*tree.between(pelvis, chest), chest])
+    return (*tree.between(pelvis, chest), chest)
 
 
 def _body_joints(tree: _Tree, joints: Mapping[str, int], fingers: Mapping[str, Sequence[int]]) -> tuple[int, ...]:

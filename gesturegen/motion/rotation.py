@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
@@ -60,7 +61,7 @@ def from_matrix(matrices: np.ndarray) -> np.ndarray:
     return _wxyz(Rotation.from_matrix(matrices.reshape(-1, 3, 3)), matrices.shape[:-2])
 
 
-def about_y(angles: np.ndarray) -> np.ndarray:
+def about_y(angles: ArrayLike) -> np.ndarray:
     """Quaternions that turn by `angles` (radians) about the vertical."""
     half = np.asarray(angles, dtype=np.float64) / 2
     zero = np.zeros_like(half)

@@ -143,11 +143,11 @@ class Motion:
     positions: np.ndarray
     fps: float
     written_joints: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    written_angles: np.ndarray | None = None
+    written_angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
 
     def __post_init__(self):
         # Whoever makes other frames of a motion need not know of the angles: those of other frames say nothing.
-        if self.written_angles is None or len(self.written_angles) != len(self.rotations):
+        if self.written_angles.shape[:2] != (len(self.rotations), len(self.written_joints)):
             object.__setattr__(self, "written_joints", np.zeros(0, dtype=np.int64))
             object.__setattr__(self, "written_angles", np.zeros((len(self.rotations), 0, 3)))
         frames, joints = len(self.rotations), len(self.skeleton.names)
@@ -177,7 +177,7 @@ class Motion:
         return replace(self, written_angles=angles)
 
 
-def written_of(motions: Sequence[Motion]) -> dict[str, np.ndarray]:
+def written_of(motions: Sequence[Motion]) -> tuple[np.ndarray, np.ndarray]:
     """`written_joints` and `written_angles` of motions one after the other, as arguments of `Motion`."""
     joints = np.unique(np.concatenate([motion.written_joints for motion in motions])).astype(np.int64)
     angles = np.full((sum(motion.n_frames for motion in motions), len(joints), 3), np.nan)
@@ -185,4 +185,4 @@ def written_of(motions: Sequence[Motion]) -> dict[str, np.ndarray]:
     for motion in motions:
         angles[first : first + motion.n_frames, np.searchsorted(joints, motion.written_joints)] = motion.written_angles
         first += motion.n_frames
-    return {"written_joints": joints, "written_angles": angles}
+    return joints, angles

@@ -36,7 +36,7 @@ def read(path: str | Path, config: Config) -> Motion:
     return axes.to_inside(motion, detect(motion, config.motion, config.roles))
 
 
-def detect(motion: Motion, settings: MotionFiles, overrides: Sequence[tuple[str, str]] = ()) -> Space:
+def detect(motion: Motion, settings: MotionFiles, overrides: Sequence[tuple[str, str | tuple[str, ...]]] = ()) -> Space:
     """The unit and the vertical of a motion as it was read: as set, else as its body tells."""
     found = roles.recognise(motion.skeleton, overrides)
     scale = UNITS.get(settings.unit) if isinstance(settings.unit, str) else float(settings.unit)

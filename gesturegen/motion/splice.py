@@ -97,9 +97,9 @@ def _across(runs: np.ndarray) -> tuple[_Across, np.ndarray, np.ndarray]:
                 for place, factor in enumerate(factors)
                 if runs[start + place] != owner
             ]
-    orders, starts, factors, pairs = (np.array(column) for column in zip(*rows, strict=True))
+    orders, starts, shares, pairs = (np.array(column) for column in zip(*rows, strict=True))
     unique, places = np.unique(pairs, return_inverse=True)
-    return _Across(orders, starts, factors, places), *np.divmod(unique, len(runs))
+    return _Across(orders, starts, shares, places), *np.divmod(unique, len(runs))
 
 
 class _Equation:

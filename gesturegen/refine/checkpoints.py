@@ -29,7 +29,7 @@ def load(path: str | Path) -> dict[str, Any]:
     """What `store` wrote; DataError for a missing file, DamagedError for a damaged one or one of another kind."""
     try:
         checksum(path, "train-refiner")
-        with open(path, "rb") as file:
+        with Path(path).open("rb") as file:
             state = torch.load(file, map_location="cpu", weights_only=True)
         if state["format"] != FORMAT:
             raise ValueError(f"format {state['format']}, expected {FORMAT}")

@@ -208,12 +208,15 @@ class _Run:
                 self.critic.last.weight.div_(norm)
 
     def _tensors(self, pairs: Pairs) -> tuple[Tensor, Tensor, Tensor]:
-        arrays = (
-            self.audio_scale.apply(pairs.audio),
-            self.gesture_scale.apply(pairs.fake),
-            self.gesture_scale.apply(pairs.real),
+        audio, fake, real = (
+            torch.from_numpy(array).to(self.device)
+            for array in (
+                self.audio_scale.apply(pairs.audio),
+                self.gesture_scale.apply(pairs.fake),
+                self.gesture_scale.apply(pairs.real),
+            )
         )
-        return tuple(torch.from_numpy(array).to(self.device) for array in arrays)
+        return audio, fake, real
 
     def finished(self) -> bool:
         history = self.history
@@ -321,8 +324,8 @@ def _covariances(audio: Tensor, gesture: Tensor) -> Tensor:
     """Covariances within windows of poses and of speeds with the audio `[shape=(2, A, C)]`."""
     values = []
     for part, sound in ((gesture, audio), (gesture.diff(dim=2).abs(), audio[..., 1:])):
-        part = part - part.mean(dim=2, keepdim=True)
-        values.append(torch.einsum("kat,kct->ac", sound, part) / (len(part) * part.shape[2]))
+        centred = part - part.mean(dim=2, keepdim=True)
+        values.append(torch.einsum("kat,kct->ac", sound, centred) / (len(part) * part.shape[2]))
     return torch.stack(values)
 
 
@@ -366,7 +369,7 @@ def _digest(pairs: Pairs) -> str:
     digest = hashlib.sha256()
     for array in (pairs.audio, pairs.fake, pairs.real, pairs.groups):
         digest.update(f"{array.shape} {array.dtype}".encode())
-        digest.update(np.ascontiguousarray(array))
+        digest.update(np.ascontiguousarray(array).data)
     return digest.hexdigest()
 
 

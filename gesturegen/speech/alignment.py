@@ -26,7 +26,11 @@ _NEEDED = ("pocketsphinx", "inflect")
 RATE = 16000
 _FRAMES_PER_SECOND = 100
 # The default beams, and wider ones for where they lose the way.
-_BEAMS = ({}, {"beam": 1e-80, "wbeam": 1e-60, "pbeam": 1e-80}, {"beam": 1e-120, "wbeam": 1e-100, "pbeam": 1e-120})
+_BEAMS: tuple[dict[str, float], ...] = (
+    {},
+    {"beam": 1e-80, "wbeam": 1e-60, "pbeam": 1e-80},
+    {"beam": 1e-120, "wbeam": 1e-100, "pbeam": 1e-120},
+)
 # A text of so few words a minute may lack some that are said.
 _FEW_WORDS_A_MINUTE = 60
 # Nobody says more; a text of more would take long to be refused.

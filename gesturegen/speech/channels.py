@@ -29,10 +29,12 @@ class Mixer:
 
     def __init__(self, path: str, n_channels: int, rate: int, channel: str | int = "mix"):
         self.n_channels, self.channel = n_channels, channel
-        number = _SIDES.get(channel, channel)
-        if channel == "mix" or (n_channels == 1 and channel in _SIDES):
-            number = None
-        elif number > n_channels:
+        number: int | None
+        if isinstance(channel, int):
+            number = channel
+        else:
+            number = None if channel == "mix" or n_channels == 1 else _SIDES[channel]
+        if number is not None and number > n_channels:
             raise DataError(
                 f"{path}: {n_channels} channel{'s'[: n_channels > 1]}, audio.channel says {channel}; set it to mix or to a lower number"
             )

@@ -179,7 +179,7 @@ def _give_away_short_rests(pieces: list[_Piece], min_frames: int) -> list[_Piece
             kept.append(piece)
         elif left is not None and (right is None or left.length <= right.length):
             left.end = piece.end
-        else:
+        elif right is not None:
             right.start = piece.start
     return kept
 
@@ -198,15 +198,16 @@ def _lengthen(pieces: list[_Piece], min_frames: int) -> list[_Piece]:
         clip_left = left is not None and not left.rest
         clip_right = right is not None and not right.rest
         if clip_left or clip_right:
-            to_left = clip_left and not (clip_right and right.gap < piece.gap - _FRAME_SLACK)
+            nearer = right is not None and clip_right and right.gap < piece.gap - _FRAME_SLACK
+            to_left = clip_left and not nearer
         elif _grow(piece, left, right, min_frames):
             done.append(piece)
             continue
         else:
             to_left = left is not None and (right is None or left.length <= right.length)
-        if to_left:
+        if left is not None and to_left:
             left.end, left.rest = piece.end, False
-        else:
+        elif right is not None:
             # The joined clip waits, since two short clips may still be too short.
             right.start, right.rest, right.gap = piece.start, False, piece.gap
     return done
@@ -276,7 +277,8 @@ def spoken(
     if words:
         return [(word.start, word.end) for word in words]
     onsets = np.asarray(onset_times, dtype=np.float64)
-    found, left = [], np.ones(len(onsets), dtype=bool)
+    found: list[tuple[float, float]] = []
+    left = np.ones(len(onsets), dtype=bool)
     for start, end in [] if voice is None else voice.tolist():
         inside = (onsets >= start) & (onsets < end)
         left &= ~inside

@@ -67,7 +67,7 @@ class Voice:
         """Whether the network is to be believed alone: it hears a voice in what is loud, or nothing is loud."""
         loud = self._loud()
         voiced = loud & (self.probabilities >= settings.threshold)
-        return np.count_nonzero(voiced) >= _UNKNOWN_SHARE * np.count_nonzero(loud)
+        return bool(np.count_nonzero(voiced) >= _UNKNOWN_SHARE * np.count_nonzero(loud))
 
     def speaking(self, settings: Settings) -> np.ndarray:
         """bool `[shape=(V,)]`: whether somebody speaks, without gaps and blips shorter than `smoothing_seconds`."""

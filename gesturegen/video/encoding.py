@@ -47,17 +47,15 @@ def write_mp4(
             sound = container.add_stream("aac", rate=_AUDIO_RATE, layout="mono", options={"b": "96000"})
             sound.codec_context.thread_count = 1
         planes = np.empty((first.shape[0] * 3 // 2, first.shape[1]), dtype=np.uint8)
-        count = 0
-        for picture in _chain(first, pictures):
+        for count, picture in enumerate(_chain(first, pictures)):
             to_yuv420(picture, planes)
             frame = av.VideoFrame.from_ndarray(planes, format="yuv420p")
             frame.pts, frame.time_base = count, 1 / exact
             container.mux(video.encode(frame))
-            if sound is not None:
+            if sound is not None and samples is not None:
                 # Sound goes in beside its pictures, or a player would have to jump in the file.
                 start, stop = (min(round(k / fps * rate), len(samples)) for k in (count, count + 1))
                 _mux_sound(av, container, sound, samples[start:stop], start, rate)
-            count += 1
         container.mux(video.encode(None))
         if sound is not None:
             container.mux(sound.encode(None))

@@ -98,7 +98,7 @@ def _arrange(n_scenes: int, width: int, height: int, bar: int, span: float) -> l
         for v in range(2):
             if by_row >= stacked:
                 left, right = (2 * k + v) * width / (2 * n_scenes), (2 * k + v + 1) * width / (2 * n_scenes)
-                top, bottom = bar, height
+                top, bottom = float(bar), float(height)
             else:
                 left, right = k * width / n_scenes, (k + 1) * width / n_scenes
                 top, bottom = bar + v * room / 2, bar + (v + 1) * room / 2

@@ -102,7 +102,7 @@ def _read(
     segments = False
     if format_ is None:
         notes = [_EMPTY]
-    elif format_ is _TEXT:
+    elif format_.read is None:
         words, notes = _aligned(source, sound)
     else:
         found = format_.read(source)

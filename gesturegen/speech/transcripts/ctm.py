@@ -31,13 +31,8 @@ def read(source: Source) -> Found:
                 f"{len(cells)} columns in {inputs.shown(line.strip()[:40])!r}; expected recording, channel, start, duration, word",
                 place,
             )
-        start, length = inputs.decimal(cells[2]), inputs.decimal(cells[3])
-        for name, value in (("start", start), ("duration", length)):
-            if value is None or abs(value) > LATEST:
-                column = 3 if name == "start" else 4
-                raise source.error(
-                    f"column {column} is {inputs.shown(cells[column - 1][:30])!r}, not a {name} in seconds", place
-                )
+        start = _seconds(source, place, cells, 3, "start")
+        length = _seconds(source, place, cells, 4, "duration")
         rows.append((cells[0], cells[1], Cell(start, start + length, cells[4])))
     names = sorted({name for name, _, _ in rows})
     stem = source.path.stem
@@ -55,3 +50,13 @@ def read(source: Source) -> Found:
     others = len(rows) - len(own)
     kept, dropped = said([cell for _, _, cell in own])
     return Found(kept, (), dropped | ({"words of other recordings, passed over": others} if others else {}))
+
+
+def _seconds(source: Source, place: int, cells: list[str], column: int, name: str) -> float:
+    """Read the number in a column, counted from 1; raises DataError where there is no time in seconds."""
+    value = inputs.decimal(cells[column - 1])
+    if value is None or abs(value) > LATEST:
+        raise source.error(
+            f"column {column} is {inputs.shown(cells[column - 1][:30])!r}, not a {name} in seconds", place
+        )
+    return value

@@ -85,7 +85,9 @@ def read(source: Source) -> Found:
         rows = rows[1:]
     quoted = sum(line.lstrip().startswith('"') for _, _, line in rows)
     read_as += ["quotes around cells"] if rows and quoted > len(rows) / 2 else []
-    cells, kinds, empty = [], Counter(), 0
+    cells: list[Cell] = []
+    kinds: Counter[str] = Counter()
+    empty, unit = 0, None
     for place, row, line in rows:
         cell = _cell(source, place, row, line, columns, kinds)
         empty += not cell.text.strip() and len(row) < columns.count

@@ -136,21 +136,22 @@ def with_all_times(
 
     DataError where none has times.
     """
-    missing = [start is None or end is None for start, end, _ in cells]
-    if not any(missing):
-        return [Cell(*cell) for cell in cells], {}
-    if all(missing):
+    timed = [None if start is None or end is None else Cell(start, end, text) for start, end, text in cells]
+    done = [cell for cell in timed if cell is not None]
+    if len(done) == len(timed):
+        return done, {}
+    if not done:
         raise source.error("no word has a start and an end; transcribe it again with word times")
-    done: list[Cell] = []
+    done = []
     waiting: list[str] = []
-    for (start, end, text), lost in zip(cells, missing, strict=True):
-        if lost:
+    for cell, (_, _, text) in zip(timed, cells, strict=True):
+        if cell is None:
             waiting += tokens(text)
             continue
-        done += [*_between(done, waiting, start), Cell(start, end, text)]
+        done += [*_between(done, waiting, cell.start), cell]
         waiting = []
     done += _between(done, waiting, max(source.duration, done[-1].end))
-    return done, {"words without times, placed between their neighbours": sum(missing)}
+    return done, {"words without times, placed between their neighbours": timed.count(None)}
 
 
 def _between(before: Sequence[Cell], words: Sequence[str], end: float) -> list[Cell]:

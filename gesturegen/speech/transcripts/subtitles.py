@@ -82,10 +82,10 @@ def _cue(source: Source, block: list[tuple[int, str]]) -> list[tuple[float, floa
 def _timed(start: float, end: float, text: str) -> list[Cell]:
     """A cell for each stretch between times that stand in the text."""
     parts = _INLINE.split(text)
-    times = [start, *(clock_seconds(time) for time in parts[1::2]), end]
+    times = [start]
     # A time that is out of order is that of the word before.
-    for place in range(1, len(times)):
-        times[place] = times[place - 1] if times[place] is None else max(times[place], times[place - 1])
+    for seconds in [*map(clock_seconds, parts[1::2]), end]:
+        times.append(times[-1] if seconds is None else max(seconds, times[-1]))
     cells = zip(times, times[1:], parts[::2], strict=False)
     return [Cell(a, b, _plain(part)) for a, b, part in cells if tokens(_plain(part))]
 
