@@ -1,4 +1,4 @@
-"""What a condition can be about: height, speed and radius of the hands, and how alike their heights are."""
+"""Measures that a condition can be about: height, speed and radius of the hands, and how alike their heights are."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ UNITS = {"height": "cm", "speed": "cm/s", "radius": "cm", "symmetry": "cm"}
 
 
 def hand_measures(hands: np.ndarray, segment_starts: ArrayLike, fps: float) -> dict[tuple[str, str], np.ndarray]:
-    """Every measure of every hand in every frame: (measure, hand) -> float `[shape=(N,)]`.
+    """Compute every measure of every hand in every frame: (measure, hand) -> float `[shape=(N,)]`.
 
         height   = y
         speed    = ||p(t) - p(t - 1)|| * fps
@@ -39,7 +39,7 @@ def hand_measures(hands: np.ndarray, segment_starts: ArrayLike, fps: float) -> d
 
 
 def _speeds(hands: np.ndarray, segment_starts: np.ndarray, fps: float) -> np.ndarray:
-    """Speeds in cm/s, float `[shape=(N, 2)]`."""
+    """Compute the speeds of both hands in cm/s, float `[shape=(N, 2)]`."""
     frames = len(hands)
     if len(segment_starts) and not 0 <= segment_starts.min() <= segment_starts.max() < frames:
         raise ValueError(f"segment_starts lie outside the {frames} frames")

@@ -31,7 +31,7 @@ SHORTEST_SHARE_OF_LONGEST = 1e-4
 
 
 def selected_parents(parents: np.ndarray | Sequence[int], joints: np.ndarray | Sequence[int]) -> np.ndarray:
-    """For each of `joints`, the place in `joints` of its nearest ancestor that is there too, -1 for none.
+    """Find, for each of `joints`, the place in `joints` of its nearest ancestor among them, -1 for none.
 
     parents : int [shape=(J,)], parent of every joint of the skeleton, -1 for the root
     joints : int [shape=(K,)], the selected joints as numbers in the skeleton
@@ -48,7 +48,7 @@ def selected_parents(parents: np.ndarray | Sequence[int], joints: np.ndarray | S
 
 
 def angle_change_rate(positions: ArrayLike, parents: ArrayLike, *, fps: float) -> np.ndarray:
-    """Mean angle by which the bone directions turn from the frame before, per second.
+    """Compute the mean angle by which the bone directions turn from the frame before, per second.
 
         rate(t) = fps * mean over j of acos(u_j(t) . u_j(t - 1))
 
@@ -84,7 +84,7 @@ def angle_change_rate(positions: ArrayLike, parents: ArrayLike, *, fps: float) -
 
 
 def motion_beats(rates: ArrayLike, *, fps: float, extrema: str = "maxima", min_prominence: float = 1e-6) -> np.ndarray:
-    """Times of the local extrema of the angle change rate.
+    """Find the times of the local extrema of the angle change rate.
 
     rates : float [shape=(T,)], rad/s, as `angle_change_rate` gives them
     fps : frames per second
@@ -104,7 +104,7 @@ def motion_beats(rates: ArrayLike, *, fps: float, extrema: str = "maxima", min_p
 
 
 def beat_distance(onset_times: ArrayLike, beat_times: ArrayLike) -> float:
-    """BC as a distance: mean over audio onsets of the time to the nearest motion beat, in seconds.
+    """Compute BC as a distance: mean over audio onsets of the time to the nearest motion beat, in seconds.
 
     onset_times : float [shape=(A,)], seconds; beat_times : float [shape=(B,)], seconds, in any order
     Returns seconds, lower is better; NaN where there is no onset or no beat.
@@ -114,8 +114,9 @@ def beat_distance(onset_times: ArrayLike, beat_times: ArrayLike) -> float:
 
 
 def beat_kernel(onset_times: ArrayLike, beat_times: ArrayLike, *, sigma_seconds: float = 0.1) -> float:
-    """BC as a score: mean over audio onsets of exp(-d^2 / (2 sigma^2)), d the time to the nearest motion
-    beat.
+    """Compute BC as a score: mean over audio onsets of exp(-d^2 / (2 sigma^2)).
+
+    d is the time to the nearest motion beat.
 
     onset_times : float [shape=(A,)], seconds; beat_times : float [shape=(B,)], seconds, in any order
     sigma_seconds : width of the kernel; 0.1 in HA2G, 0.3 in BEAT
@@ -131,7 +132,10 @@ def beat_kernel(onset_times: ArrayLike, beat_times: ArrayLike, *, sigma_seconds:
 
 
 def nearest_distances(onset_times: ArrayLike, beat_times: ArrayLike) -> np.ndarray:
-    """Time from each onset to its nearest beat, float64 [shape=(A,)], seconds; NaN where there is no beat."""
+    """Compute the time from each onset to its nearest beat.
+
+    Returns float64 [shape=(A,)], seconds; NaN where there is no beat.
+    """
     onsets = np.asarray(onset_times, dtype=np.float64).ravel()
     beats = np.sort(np.asarray(beat_times, dtype=np.float64).ravel())
     if not len(beats):

@@ -42,7 +42,7 @@ def foot_skate(
     height: float = CONTACT_HEIGHT,
     floor_percentile: float = FLOOR_PERCENTILE,
 ) -> FootSkate:
-    """Mean horizontal speed of the feet while they are near the floor, and how often they are.
+    """Measure the mean horizontal speed of the feet while they are near the floor, and how often they are.
 
         speed = mean of fps * ||(x, z)_t - (x, z)_(t-1)|| over the (t, foot) in contact at both t - 1 and t
 

@@ -1,4 +1,4 @@
-"""Does the speaker rest where the speech pauses? What is shown in pauses, and how fast the hands are there.
+"""Does the speaker rest where the speech pauses? Reference frames shown in pauses, and speeds of the hands there.
 
 Ours. A speaker who goes on gesturing through a silence looks like a machine.
 
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 
 def pause_share(paused: ArrayLike, shown_nodes: ArrayLike, speaking: ArrayLike) -> float:
-    """Share of the test speech's pause frames that show a frame of a pause of the reference.
+    """Compute the share of the test speech's pause frames that show a frame of a pause of the reference.
 
     paused : bool [shape=(T,)], the test speech's pauses; shown_nodes : int [shape=(T,)], the node shown at each
     output frame; speaking : bool [shape=(N,)], False at the nodes of the reference's pauses
@@ -28,7 +28,7 @@ def pause_share(paused: ArrayLike, shown_nodes: ArrayLike, speaking: ArrayLike) 
 
 
 def mean_speed(positions: np.ndarray, frames: ArrayLike, segment_starts: ArrayLike = (0,), *, fps: float) -> float:
-    """Mean speed of all joints at some frames, cm/s; NaN where none of them has a speed.
+    """Compute the mean speed of all joints at some frames, cm/s; NaN where none of them has a speed.
 
     positions : float [shape=(T, J, 3)], cm; frames : bool [shape=(T,)]
     segment_starts : int [shape=(S,)], frames that do not follow on the one before
@@ -41,7 +41,7 @@ def mean_speed(positions: np.ndarray, frames: ArrayLike, segment_starts: ArrayLi
 
 
 def source_speed(positions: np.ndarray, nodes: ArrayLike, segment_starts: ArrayLike = (0,), *, fps: float) -> float:
-    """Mean speed that the shown frames had where they were recorded, cm/s; NaN where none has a speed.
+    """Compute the mean speed that the shown frames had where they were recorded, cm/s; NaN where none has a speed.
 
     positions : float [shape=(N, J, 3)], of the reference; nodes : int [shape=(T,)], shown, each counted as often
     as it is shown; segment_starts : int [shape=(S,)], of the reference; their frames have no speed

@@ -28,7 +28,10 @@ class Stillness(NamedTuple):
 
 
 def hand_speeds(hands: ArrayLike, *, fps: float) -> np.ndarray:
-    """Speeds of the hands `[shape=(T, H)]`, cm/s; hands : float [shape=(T, H, 3)], seen from the pelvis, cm."""
+    """Compute the speeds of the hands `[shape=(T, H)]`, cm/s.
+
+    hands : float [shape=(T, H, 3)], seen from the pelvis, cm
+    """
     hands = np.asarray(hands, dtype=np.float64)
     if len(hands) < 2:
         return np.zeros(hands.shape[:2])
@@ -37,7 +40,7 @@ def hand_speeds(hands: ArrayLike, *, fps: float) -> np.ndarray:
 
 def still_frames(speeds: ArrayLike, *, fps: float, speed: float = STILL_SPEED, seconds: float = STILL_SECONDS,
                  outside: ArrayLike | None = None) -> np.ndarray:  # fmt: skip
-    """Frames in stretches in which all hands are still: bool `[shape=(T,)]`.
+    """Find the frames in stretches in which all hands are still: bool `[shape=(T,)]`.
 
     speeds : float [shape=(T, H)], cm/s; speed : cm/s that they stay under; seconds : shortest stretch that counts
     outside : bool [shape=(T,)], frames that may count; all by default
@@ -55,7 +58,7 @@ def stillness(
     speeds: ArrayLike, paused: ArrayLike | None = None, *, fps: float, speed: float = STILL_SPEED,
     seconds: float = STILL_SECONDS,
 ) -> Stillness:  # fmt: skip
-    """Share of still hands and the longest such stretch of one clip.
+    """Measure the share of still hands and the longest such stretch of one clip.
 
     speeds : float [shape=(T, H)], of the hands, cm/s; paused : bool [shape=(T,)], the pauses of its speech; none by
     default. NaN where there is no hand or no frame outside pauses.
@@ -70,13 +73,13 @@ def stillness(
 
 
 def is_statue(speeds: ArrayLike, *, fps: float, speed: float = STILL_SPEED, seconds: float = STILL_SECONDS) -> bool:
-    """Whether all is still for over half of a clip, pauses or not: then no measure of alignment means anything."""
+    """Tell whether all is still for over half of a clip, pauses or not: no measure of alignment means anything then."""
     if not np.size(speeds):
         return False
     return bool(still_frames(speeds, fps=fps, speed=speed, seconds=seconds).mean() > 0.5)
 
 
 def _stretches(chosen: np.ndarray) -> np.ndarray:
-    """First frames and ends of the runs of True `[shape=(R, 2)]`."""
+    """List first frames and ends of the runs of True `[shape=(R, 2)]`."""
     edges = np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int8))
     return np.flatnonzero(edges).reshape(-1, 2)

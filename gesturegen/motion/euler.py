@@ -1,4 +1,4 @@
-"""Euler angles as curves: of all angles that mean one rotation, those nearest to the frame before.
+"""Euler angles as curves: of all angles of one rotation, those nearest to the frame before.
 
 Intrinsic angles (a, b, c) turn as (a + 180, 180 - b, c + 180) do, and whole turns of any angle change nothing. Where b
 is a right angle only a + c or a - c matters. What is between two frames depends on the choice, so a file whose curves
@@ -24,7 +24,7 @@ _LOCKED = 1e-6
 def continuous(
     order: str, angles: np.ndarray, rotations: np.ndarray, written: np.ndarray | None = None, one_axis: bool = False
 ) -> np.ndarray:
-    """Equivalent angles of one joint without jumps, degrees `[shape=(T, 3)]`.
+    """Unwrap the angles of one joint to equivalent ones without jumps, degrees `[shape=(T, 3)]`.
 
     angles : any angles of the rotations `[shape=(T, 4)]`, in the three-letter intrinsic `order`
     written : angles that a file wrote for the frames, NaN where none `[shape=(T, 3)]`. While frames turn as written
@@ -67,7 +67,7 @@ def continuous(
 
 
 def _nearest(own: list[float], expected: list[float], parity: float, one_axis: bool) -> list[float]:
-    """Of the angles that mean what `own` do those nearest to the expected ones."""
+    """Choose, of all angles equivalent to `own`, those nearest to the expected ones."""
 
     def turned(angles: list[float]) -> list[float]:
         return [a + 360.0 * round((e - a) / 360.0) for a, e in zip(angles, expected, strict=True)]

@@ -19,7 +19,7 @@ _LEAST_SHARE, _SLACK_SECONDS = 0.98, 0.5
 
 
 def kind(head: bytes) -> str | None:
-    """The format that the first 12 bytes of a file are of, where PyAV is to read it; None for any other."""
+    """Detect the format of a file by its first 12 bytes, if PyAV is to read it; None for any other."""
     if head[4:8] == b"ftyp":
         return "M4A (AAC)"
     if head[:4] == b"\x1a\x45\xdf\xa3":
@@ -53,7 +53,7 @@ class Decoder:
             self.announced_seconds = float(duration * base) if duration and base and duration > 0 else None
 
     def blocks(self) -> Iterator[np.ndarray]:
-        """Blocks `[shape=(n, channels)]` float32; DataError where the file is damaged or ends too early."""
+        """Yield blocks `[shape=(n, channels)]` float32; raises DataError for a damaged or cut-off file."""
         count = 0
         with self._one_line():
             resampler = self._av.AudioResampler(format="fltp", layout=self._stream.layout, rate=self.rate)
@@ -67,11 +67,12 @@ class Decoder:
             )
 
     def _one_line(self):
+        """Return a context in which errors of FFmpeg become one line."""
         return _OneLine(self)
 
 
 class _OneLine:
-    """Whatever FFmpeg objects to, in one line."""
+    """A context in which errors of FFmpeg become one line."""
 
     def __init__(self, decoder: Decoder):
         self.decoder = decoder

@@ -1,4 +1,4 @@
-"""NIST's CTM: recording, channel, start, duration and word in each line, as Kaldi and NeMo write."""
+"""NIST's CTM: recording, channel, start, duration and word in each line, as written by Kaldi and NeMo."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _ROW = re.compile(r"\S+\s+\S+\s+[-+0-9.eE]+\s+[-+0-9.eE]+\s+\S+(\s+\S+){0,3}\s*"
 
 
 def is_ctm(text: str) -> bool:
-    """Whether most of the first lines look like CTM, and do not begin with times as tables do."""
+    """Tell whether most of the first lines look like CTM, and do not begin with times as tables do."""
     lines = [line for line in LINE_END.split(text[:5000])[:20] if line.strip() and not line.startswith(";;")]
     rows = [line for line in lines if _ROW.fullmatch(line) and "\t" not in line]
     begins = sum(None not in map(inputs.decimal, line.split()[:2]) and len(line.split()) == 3 for line in lines)
@@ -20,7 +20,7 @@ def is_ctm(text: str) -> bool:
 
 
 def read(source: Source) -> Found:
-    """The words of the recording of the file's name, or of the only one that it has."""
+    """Read the words of the recording that the file is named after, or of the only one in it."""
     rows: list[tuple[str, str, Cell]] = []
     for place, line in source.lines():
         if line.startswith(";;"):
