@@ -273,7 +273,7 @@ def frame_prices(
 
 @dataclass(frozen=True)
 class Achieved:
-    """What an output achieves of a demand: the columns of the paper's table 2, and figures of the references.
+    """Figures of how well an output meets a demand: the columns of the paper's table 2, and figures of the references.
 
     at_least, at_most : what was asked for, -inf and inf where nothing was
     mean, deviation : of the measure over the frames of the demand, in cm or cm/s

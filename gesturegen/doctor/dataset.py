@@ -1,4 +1,4 @@
-"""A whole data set as a doctor looks at it: what sets a recording apart from the others, and what can be done with all."""
+"""The examination of a whole data set: how its recordings differ, and what each method could do with them."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from gesturegen.settings.models import Config
 
 
 def _difference(one: Skeleton, other: Skeleton, config: Config) -> str | None:
-    """What keeps two recordings from sharing a graph, in words."""
+    """Describe what keeps recordings of two skeletons from sharing a graph; None where nothing does."""
     return one.difference(other, offset_tolerance(one, config))
 
 
 def compare(examined: Mapping[str, Examined], config: Config) -> None:
-    """Add to each recording with motion what sets it apart from most others: skeleton and frame rate."""
+    """Add to each recording with motion how it differs from most others: skeleton and frame rate."""
     having = [
         (one, one.skeleton, one.fps)
         for _, one in sorted(examined.items())
@@ -59,7 +59,7 @@ def compare(examined: Mapping[str, Examined], config: Config) -> None:
 def methods(
     references: Sequence[Examined], tests: Sequence[Examined], n_true: int, config: Config
 ) -> list[tuple[str, str, str]]:
-    """What each method could do with the data: name, `yes`, `limited` or `no`, and why.
+    """List what each method could do with the data: name, `yes`, `limited` or `no`, and why.
 
     n_true : tests whose true motion is known
     """
@@ -113,7 +113,9 @@ def methods(
 
 
 def blacklist_yaml(references: Sequence[Examined], plain: Mapping[str, str], config: Config | None = None) -> str:
-    """A config that leaves out what is unfit, and why, line by line; plain : recording -> its clip's name.
+    """Format a config that leaves out what is unfit, and why, line by line.
+
+    plain : recording -> its clip's name
 
     config : whose other settings go into it, without which it would stand for the defaults
     """
@@ -143,5 +145,5 @@ def blacklist_yaml(references: Sequence[Examined], plain: Mapping[str, str], con
 
 
 def _comment(text: str) -> str:
-    """A text that may stand behind a `#`: on one line."""
+    """Format a text on one line, so that it may stand behind a `#`."""
     return shown(" ".join(text.split()))

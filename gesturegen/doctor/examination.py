@@ -1,4 +1,4 @@
-"""One recording as a doctor looks at it: figures, and findings with what to do about each.
+"""The examination of one recording: figures, and findings with what to do about each.
 
 Reading stops at nothing: where the transcript cannot be read the sound is looked at all the same, and likewise the
 motion.
@@ -41,7 +41,7 @@ _LEAST_SPEECH_SECONDS = 2.0
 
 @dataclass(frozen=True)
 class Finding:
-    """Something odd: its kind, what it is with its figure, and what to do.
+    """A fault or an oddity: its kind, a text with its figure, and what to do.
 
     start, end : seconds of the motion that it is confined to; None for the whole recording
     """
@@ -55,7 +55,7 @@ class Finding:
 
 @dataclass
 class Examined:
-    """Figures of a recording (None where there are none), its findings, and what the whole set needs to know of it."""
+    """Figures of a recording (None where there are none), its findings, and facts for the comparison with others."""
 
     name: str
     speaker: str | None = None
@@ -80,11 +80,12 @@ class Examined:
         return any(finding.kind in UNFIT and finding.start is None for finding in self.findings)
 
     def add(self, kind: str, text: str, cure: str, start: float | None = None, end: float | None = None) -> None:
+        """Add a finding."""
         self.findings.append(Finding(kind, text, cure, start, end))
 
 
 def examine(recording: Recording, name: str, config: Config) -> Examined:
-    """Look at all files of a recording; whatever cannot be read becomes a finding."""
+    """Examine all files of a recording; whatever cannot be read becomes a finding."""
     found = Examined(name, recording.speaker)
     if recording.problem is not None:
         found.add("unreadable", recording.problem, "rename or remove it")
@@ -99,6 +100,7 @@ def examine(recording: Recording, name: str, config: Config) -> Examined:
 
 
 def _one_line(error: DataError) -> str:
+    """Format an error on one line."""
     return shown(str(error).splitlines()[0])
 
 
@@ -106,6 +108,7 @@ def _one_line(error: DataError) -> str:
 
 
 def _read_sound(recording: Recording, found: Examined, config: Config) -> Clip | None:
+    """Read the sound and the words of a recording and add what is odd about them; None without usable sound."""
     if recording.audio_path is None:
         found.add("no audio", "no audio file beside it", f"add {recording.name}.wav")
         return None
@@ -157,6 +160,7 @@ def _read_sound(recording: Recording, found: Examined, config: Config) -> Clip |
 
 
 def _look_at_level(sound: audio.Sound, found: Examined) -> float:
+    """Add findings on silent, quiet and clipped sound, and return the level in dB of full scale."""
     samples = sound.samples
     power = float(np.mean(np.square(samples, dtype=np.float64)))
     level = found.level = float(10 * np.log10(max(power, 1e-20)))
@@ -185,8 +189,10 @@ def _look_at_level(sound: audio.Sound, found: Examined) -> float:
 
 
 def _look_at_words(clip: Clip, found: Examined, config: Config) -> None:
-    """Do the words lie where a voice is heard? Compared on the detector's windows, by correlation: speech without
-    pauses overlaps with any words."""
+    """Add a finding where the words do not lie where a voice is heard.
+
+    Both are compared on the detector's windows, by correlation: speech without pauses overlaps with any words.
+    """
     if clip.voice is None or not clip.voice.is_known(config.voice):
         return
     heard = clip.voice.speaking(config.voice)
@@ -217,7 +223,10 @@ def _look_at_words(clip: Clip, found: Examined, config: Config) -> None:
 
 
 def _fit(heard: np.ndarray, written: np.ndarray, rate: float) -> tuple[float, float, float]:
-    """The shift of the words in seconds at which they correlate best with the voice, that, and without any shift."""
+    """Find the shift of the words in seconds that fits the voice best.
+
+    Returns the shift, the correlation with it, and the correlation without any shift.
+    """
     if not (0 < np.count_nonzero(heard) < len(heard) and 0 < np.count_nonzero(written) < len(written)):
         return 0.0, 0.0, 0.0
     one, other = heard - heard.mean(), written - written.mean()
@@ -232,6 +241,7 @@ def _fit(heard: np.ndarray, written: np.ndarray, rate: float) -> tuple[float, fl
 
 
 def _read_motion(recording: Recording, found: Examined, config: Config) -> Motion | None:
+    """Read the motion of a recording at the configured frame rate; None without usable motion."""
     if recording.motion_path is None:
         return None
     try:
@@ -244,6 +254,7 @@ def _read_motion(recording: Recording, found: Examined, config: Config) -> Motio
 
 
 def _look_at_motion(motion: Motion, found: Examined, config: Config) -> None:
+    """Add the figures of a motion, and findings on its joints, unit, stillness and tracking."""
     try:
         joints, _ = clips.select_joints(motion.skeleton, config)
     except DataError as error:
@@ -265,7 +276,7 @@ def _look_at_motion(motion: Motion, found: Examined, config: Config) -> None:
 
 
 def _hand_speeds(motion: Motion, config: Config) -> np.ndarray | None:
-    """Mean speed of both hands seen from the pelvis, cm/s `[shape=(T,)]`; None for a skeleton without these joints."""
+    """Compute the mean speed of both hands seen from the pelvis, cm/s `[shape=(T,)]`; None without these joints."""
     names = motion.skeleton.names
     if motion.n_frames < 2 or not {config.control.left, config.control.right} <= set(names):
         return None
@@ -281,6 +292,7 @@ def _hand_speeds(motion: Motion, config: Config) -> np.ndarray | None:
 
 
 def _look_at_both(motion: Motion, clip: Clip, found: Examined, config: Config) -> None:
+    """Add findings on sound and motion that differ in length, are out of step or drift apart."""
     seconds = motion.n_frames / motion.fps
     if abs(seconds - clip.duration) > _LENGTHS_APART_SECONDS:
         found.add(

@@ -77,7 +77,7 @@ def measure(samples: np.ndarray, rate: int, settings: Prosody) -> Contour:
 
 
 def _window(settings: Prosody) -> int:
-    """Compute the length of the analysis window in samples: a power of two of at least two periods of the lowest pitch."""
+    """Compute the length of the analysis window in samples: a power of two of two or more periods of the lowest pitch."""
     usual = round(np.log2(_WINDOW_SECONDS * settings.sample_rate))
     needed = int(np.ceil(np.log2(2 * settings.sample_rate / settings.pitch_min + 2)))
     return 2 ** max(usual, needed)

@@ -1,4 +1,4 @@
-"""Pictures and sound to an MP4 file."""
+"""Encoding of pictures and sound as an MP4 file."""
 
 from __future__ import annotations
 
@@ -62,6 +62,7 @@ def write_mp4(
 
 
 def _mux_sound(av, container, sound, samples: np.ndarray, start: int, rate: int) -> None:
+    """Encode the samples that belong to one picture."""
     if not len(samples):
         return
     frame = av.AudioFrame.from_ndarray(np.ascontiguousarray(samples[None], dtype=np.float32), "fltp", "mono")
@@ -70,7 +71,7 @@ def _mux_sound(av, container, sound, samples: np.ndarray, start: int, rate: int)
 
 
 def _codec(av) -> str:
-    """The best video codec that the installed PyAV can write."""
+    """Name the best video codec that the installed PyAV can write."""
     for name in _CODECS:
         try:
             av.Codec(name, "w")
@@ -81,5 +82,6 @@ def _codec(av) -> str:
 
 
 def _chain(first: np.ndarray, rest: Iterable[np.ndarray]) -> Iterable[np.ndarray]:
+    """Yield one picture, then the others."""
     yield first
     yield from rest
