@@ -8,6 +8,8 @@ from __future__ import annotations
 import csv
 import io
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -130,8 +132,10 @@ def _xyzw(quaternions: np.ndarray) -> np.ndarray:
 class _Buffer:
     """The binary part of a `.glb`, and the accessors that describe it."""
 
-    def __init__(self, gltf):
-        self.gltf, self.bytes, self.views, self.accessors = gltf, bytearray(), [], []
+    def __init__(self, gltf: ModuleType):
+        self.gltf, self.bytes = gltf, bytearray()
+        self.views: list[Any] = []
+        self.accessors: list[Any] = []
 
     def add(self, array: np.ndarray, kind: str, target: int | None = None, bounds: bool = False) -> int:
         """Append float32 or uint16 rows `[shape=(n, width)]` and return the number of their accessor.
@@ -156,7 +160,7 @@ class _Buffer:
         return len(self.accessors) - 1
 
 
-def _animation(gltf, data: _Buffer, motion: Motion, turns: np.ndarray, moves: np.ndarray, name: str):
+def _animation(gltf: ModuleType, data: _Buffer, motion: Motion, turns: np.ndarray, moves: np.ndarray, name: str) -> Any:
     """Make the animation: a track for each joint that turns or moves."""
     times = data.add((np.arange(motion.n_frames) / motion.fps).astype(np.float32), "SCALAR", bounds=True)
     rotations = _xyzw(continuous(motion.rotations)).astype(np.float32)
@@ -172,7 +176,7 @@ def _animation(gltf, data: _Buffer, motion: Motion, turns: np.ndarray, moves: np
     return gltf.Animation(name=name, samplers=samplers, channels=channels)
 
 
-def _add_skin(gltf, data: _Buffer, rest: Motion, name: str):
+def _add_skin(gltf: ModuleType, data: _Buffer, rest: Motion, name: str) -> Any:
     """Add the skin: all joints, and the matrices that take the resting mesh to each of them."""
     rotations, positions = (array[0] for array in kinematics.world_transforms(rest))
     inverse = np.tile(np.eye(4), (len(positions), 1, 1))
@@ -185,7 +189,7 @@ def _add_skin(gltf, data: _Buffer, rest: Motion, name: str):
     )
 
 
-def _add_mesh(gltf, data: _Buffer, rest: Motion, name: str, pelvis: str):
+def _add_mesh(gltf: ModuleType, data: _Buffer, rest: Motion, name: str, pelvis: str) -> Any:
     """Add the mesh: a double pyramid along every bone, each bound to the bone's upper joint alone."""
     vertices, owners, triangles = _double_pyramids(rest, pelvis)
     weights = np.zeros((len(vertices), 4), dtype=np.float32)

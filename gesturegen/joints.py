@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from difflib import get_close_matches
+from typing import Any
 
 import numpy as np
 
@@ -33,14 +34,14 @@ def settings_for(skeleton: Skeleton, config: Config) -> Config:
     """Adapt the config to a skeleton: its joints replace defaults that name joints which it does not have."""
     names = set(skeleton.names)
 
-    def unknown(value, default) -> bool:
+    def unknown(value: str | tuple[str, ...], default: str | tuple[str, ...]) -> bool:
         given = (value,) if isinstance(value, str) else value
         return value == default and (bool(config.roles) or not names & set(given))
 
     found = roles_of(skeleton, config)
     changes: dict[str, object] = {}
 
-    def put(section: str, **values) -> None:
+    def put(section: str, **values: Any) -> None:
         changes[section] = getattr(config, section).model_copy(update={k: v for k, v in values.items() if v})
 
     def named(joints: Sequence[int]) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -140,7 +141,7 @@ class Speech:
     onset_strengths: np.ndarray | None = None
     voice: np.ndarray | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "onset_times", read_only(self.onset_times))
         if self.voice is not None:
             object.__setattr__(self, "voice", read_only(self.voice))
@@ -167,7 +168,7 @@ class Reference:
     source_frames: np.ndarray
     segment_starts: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("source_frames", "segment_starts"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
@@ -526,7 +527,7 @@ def check_settings(path: Path, stored: str, wanted: str, command: str) -> None:
             )
 
 
-def _leaves(value, name: str = "") -> dict:
+def _leaves(value: Any, name: str = "") -> dict:
     """Flatten nested settings to a mapping from the full key path to the value."""
     if not isinstance(value, dict):
         return {name: value}
@@ -536,7 +537,7 @@ def _leaves(value, name: str = "") -> dict:
     return found
 
 
-def _brief(value) -> str:
+def _brief(value: Any) -> str:
     """Format a setting as JSON of at most 60 characters."""
     text = json.dumps(value)
     return text if len(text) <= 60 else text[:57] + "..."

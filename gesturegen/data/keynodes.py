@@ -28,7 +28,7 @@ class KeyNodes:
     kinds: np.ndarray
     keywords: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not len(self.frames) == len(self.kinds) == len(self.keywords):
             raise ValueError("key nodes need as many kinds and keywords as frames")
         for name in ("frames", "kinds", "keywords"):

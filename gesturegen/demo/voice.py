@@ -10,7 +10,7 @@ import numpy as np
 from scipy.signal import oaconvolve, sosfilt
 
 from gesturegen.demo.speaker import Speaker
-from gesturegen.demo.speech import Script, consonants_and_vowel
+from gesturegen.demo.speech import Script, Syllable, consonants_and_vowel
 
 SAMPLE_RATE = 16000
 
@@ -92,7 +92,9 @@ def _source(rng: np.random.Generator, speaker: Speaker, script: Script, n: int) 
     return np.cos(np.pi * phase) ** _PULSE_POWER - np.sqrt(2.0 / (np.pi * _PULSE_POWER))
 
 
-def _add_syllable(rng, gates, noise_gates, syllable) -> None:
+def _add_syllable(
+    rng: np.random.Generator, gates: dict[str, np.ndarray], noise_gates: dict[str, np.ndarray], syllable: Syllable
+) -> None:
     """Open the gates of one syllable: consonants before the vowel, the vowel, consonants after it."""
     before, vowel, after = consonants_and_vowel(syllable)
     level = 0.4 + 0.7 * syllable.stress
@@ -112,7 +114,9 @@ def _add_syllable(rng, gates, noise_gates, syllable) -> None:
         _gate(gates["n"], end - 0.05, end, 0.02, 0.02, 0.3 * level)
 
 
-def _add_laughter(rng, gates, noise_gates, start: float, end: float) -> None:
+def _add_laughter(
+    rng: np.random.Generator, gates: dict[str, np.ndarray], noise_gates: dict[str, np.ndarray], start: float, end: float
+) -> None:
     """Add a row of breathy voiced bursts about five a second, fading."""
     beats = np.arange(start, end - 0.08, rng.uniform(0.16, 0.22))
     for beat, level in zip(beats, np.linspace(0.9, 0.3, len(beats)), strict=True):

@@ -105,7 +105,7 @@ def hierarchy_text(
     """Format the HIERARCHY section of a skeleton that was not read from a file."""
     lines = ["HIERARCHY"]
 
-    def triple(vector) -> str:
+    def triple(vector: np.ndarray) -> str:
         return " ".join(f"{value:.6f}" for value in vector)
 
     def add(joint: int, depth: int) -> None:
@@ -480,7 +480,7 @@ def _rotation_order(channels: tuple[str, ...]) -> str:
     return "".join(name[0] for name in channels if name.endswith("rotation"))
 
 
-def _columns(skeleton: Skeleton):
+def _columns(skeleton: Skeleton) -> Iterator[tuple[int, list[tuple[int, int]], list[int], str]]:
     """Yield per joint its number, position columns [(column, axis)], rotation columns and rotation order."""
     column = 0
     for joint, channels in enumerate(skeleton.channels):

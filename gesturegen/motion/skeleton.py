@@ -51,7 +51,7 @@ class Skeleton:
     hierarchy: str
     space: Space = Space()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         joints = len(self.names)
         for name, shape in (("parents", (joints,)), ("offsets", (joints, 3)), ("end_sites", (joints, 3))):
             array = read_only(getattr(self, name))
@@ -147,7 +147,7 @@ class Motion:
     written_joints: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     written_angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         # Whoever makes other frames of a motion need not know of the angles: those of other frames say nothing.
         if self.written_angles.shape[:2] != (len(self.rotations), len(self.written_joints)):
             object.__setattr__(self, "written_joints", np.zeros(0, dtype=np.int64))
@@ -164,14 +164,14 @@ class Motion:
         """Number of frames."""
         return len(self.rotations)
 
-    def take(self, frames) -> Motion:
+    def take(self, frames: np.ndarray | slice) -> Motion:
         """Select frames by an index array or slice."""
         return replace(
             self, rotations=self.rotations[frames], positions=self.positions[frames],
             written_angles=self.written_angles[frames],
         )  # fmt: skip
 
-    def cut_at(self, frames) -> Motion:
+    def cut_at(self, frames: np.ndarray) -> Motion:
         """Mark frames (numbers, or bool for each) that do not follow on the one before in a file."""
         if not len(self.written_joints):
             return self

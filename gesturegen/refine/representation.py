@@ -114,7 +114,7 @@ class Normalisation:
     mean: np.ndarray
     scale: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("mean", "scale"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
         if self.mean.ndim != 1 or self.mean.shape != self.scale.shape:

@@ -49,7 +49,7 @@ class Pairs:
     real: np.ndarray
     groups: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("audio", "fake", "real", "groups"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
         windows, _, frames = self.audio.shape
@@ -58,7 +58,7 @@ class Pairs:
         if self.groups.shape != (windows,):
             raise ValueError(f"groups has shape {self.groups.shape}, expected {(windows,)}")
 
-    def take(self, windows) -> Pairs:
+    def take(self, windows: np.ndarray) -> Pairs:
         """Select windows by number."""
         return Pairs(self.audio[windows], self.fake[windows], self.real[windows], self.groups[windows])
 

@@ -31,7 +31,7 @@ class Acoustics:
     values: np.ndarray
     rate: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "values", read_only(np.asarray(self.values, dtype=np.float32)))
         if self.values.ndim != 2 or 0 in self.values.shape:
             raise ValueError(f"values have shape {self.values.shape}, expected one of each kind or more")

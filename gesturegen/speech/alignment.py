@@ -11,6 +11,7 @@ import importlib.util
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from gesturegen.errors import DataError
 from gesturegen.extras import need
 from gesturegen.speech import pronunciation
 from gesturegen.speech.transcript import Cell, normalize, share_out
+
+if TYPE_CHECKING:
+    import pocketsphinx
 
 EXTRA = "align"
 _NEEDED = ("pocketsphinx", "inflect")
@@ -107,10 +111,10 @@ def align(words: Sequence[str], samples: np.ndarray, rate: int, what: str) -> Al
     fits = len(words) <= _MOST_WORDS_A_SECOND * seconds + _MORE_WORDS
     for beams in _BEAMS if fits else ():
         decoder, entries, by_rule = _decoder(words, beams)
-        said = [place for place, entry in enumerate(entries) if entry is not None]
+        said = {place: entry for place, entry in enumerate(entries) if entry is not None}
         if not said:
             raise DataError(f"{what}: no word of it can be pronounced as English; give a transcript with times")
-        times = _times(decoder, [entries[place] for place in said], pcm)
+        times = _times(decoder, list(said.values()), pcm)
         if times is not None:
             cells, spread = _all(words, dict(zip(said, times, strict=True)), seconds)
             return Aligned(cells, 60 * len(words) / seconds, bool(beams), by_rule, spread)
@@ -136,7 +140,9 @@ def recognise(samples: np.ndarray, rate: int) -> list[Cell]:
     ]
 
 
-def _decoder(words: Sequence[str], beams: dict[str, float]):
+def _decoder(
+    words: Sequence[str], beams: dict[str, float]
+) -> tuple[pocketsphinx.Decoder, list[str | None], tuple[str, ...]]:
     """Set up pocketsphinx with a pronunciation for each word.
 
     Returns the decoder, its entries (None for a word that cannot be pronounced), and words with guessed pronunciations.
@@ -163,7 +169,7 @@ def _decoder(words: Sequence[str], beams: dict[str, float]):
     return decoder, entries, tuple(by_rule)
 
 
-def _times(decoder, entries: Sequence[str], pcm: bytes) -> list[tuple[float, float]] | None:
+def _times(decoder: pocketsphinx.Decoder, entries: Sequence[str], pcm: bytes) -> list[tuple[float, float]] | None:
     """Align entries: start and end of each in seconds; None where the decoder does not reach the end of the text.
 
     A text of many words takes a time in proportion to its square, so a long recording is aligned piece by piece: of each
@@ -188,7 +194,9 @@ def _byte(seconds: float) -> int:
     return 2 * round(seconds * RATE)
 
 
-def _segments(decoder, entries: Sequence[str], pcm: bytes, whole: bool) -> list[tuple[float, float]] | None:
+def _segments(
+    decoder: pocketsphinx.Decoder, entries: Sequence[str], pcm: bytes, whole: bool
+) -> list[tuple[float, float]] | None:
     """Align entries with one stretch of sound: start and end in seconds.
 
     whole : whether all entries must be in the sound; else those that are count, from the first on
@@ -209,7 +217,7 @@ def _segments(decoder, entries: Sequence[str], pcm: bytes, whole: bool) -> list[
     return [(start / _FRAMES_PER_SECOND, end / _FRAMES_PER_SECOND) for _, start, end in read]
 
 
-def _read(decoder) -> list[tuple[str, int, int]] | None:
+def _read(decoder: pocketsphinx.Decoder) -> list[tuple[str, int, int]] | None:
     """Read the decoder's entries with their first frame and the frame after their last."""
     if decoder.hyp() is None:
         return None

@@ -12,7 +12,7 @@ import struct
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from gesturegen.motion.skeleton import read_only
 from gesturegen.settings.speech import Onsets
 from gesturegen.speech import compressed
 from gesturegen.speech.channels import Mixer
+
+if TYPE_CHECKING:
+    import soundfile
 
 LOSSLESS = (".wav", ".flac")
 # Of a clip that has one of those as well these are taken for copies, as tools leave them beside.
@@ -67,7 +70,7 @@ class OnsetPeaks:
     strengths: np.ndarray
     near_mute: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("times", "strengths", "near_mute"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
@@ -184,7 +187,7 @@ class _Mended:
     def tell(self) -> int:
         return self._file.tell()
 
-    def readinto(self, buffer) -> int:
+    def readinto(self, buffer: memoryview | bytearray) -> int:
         start, data = self._file.tell(), bytearray(self._file.read(len(buffer)))
         for at, new in self._changes.items():
             for place, byte in enumerate(new, at - start):
@@ -197,11 +200,11 @@ class _Mended:
         buffer = bytearray(count)
         return bytes(buffer[: self.readinto(buffer)])
 
-    def write(self, _) -> int:
+    def write(self, _: bytes) -> int:
         raise OSError("only read")
 
 
-def _sequential(soundfile) -> type:
+def _sequential(soundfile: Any) -> type:
     """Make a subclass of soundfile's reader that never seeks, which would fail in FLAC of unknown length."""
 
     class Sequential(soundfile.SoundFile):
@@ -227,7 +230,7 @@ def _check_format(path: Path, kind: str | None, rate: int, channels: int) -> Non
         )
 
 
-def _read_sound(path: Path, file, size: int, channel: str | int) -> Sound:
+def _read_sound(path: Path, file: soundfile.SoundFile, size: int, channel: str | int) -> Sound:
     """Read by libsndfile, in blocks so that no announced length is trusted."""
     # No recording is as long as a stream's encoder says that cannot know.
     known = file.format not in _GUESSED and 0 < file.frames <= MOST_SECONDS * file.samplerate

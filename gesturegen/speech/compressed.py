@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
+from types import TracebackType
+from typing import BinaryIO, Literal
 
 import numpy as np
 
@@ -66,7 +67,7 @@ class Decoder:
                 f"{inputs.shown(self.path)}: the file is cut off: {count / self.rate:.1f} of {self.announced_seconds:.1f} s; copy it again"
             )
 
-    def _one_line(self):
+    def _one_line(self) -> _OneLine:
         """Return a context in which errors of FFmpeg become one line."""
         return _OneLine(self)
 
@@ -77,10 +78,12 @@ class _OneLine:
     def __init__(self, decoder: Decoder):
         self.decoder = decoder
 
-    def __enter__(self):
+    def __enter__(self) -> _OneLine:
         return self
 
-    def __exit__(self, kind, error, trace):
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> Literal[False]:
         if isinstance(error, (DataError, GeneratorExit)) or not isinstance(error, Exception):
             return False
         reason = inputs.shown(getattr(error, "strerror", None) or error)[:200]

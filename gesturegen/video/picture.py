@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -246,7 +247,7 @@ def _glyph_mask(character: str, size: int) -> np.ndarray:
 
 
 @lru_cache(maxsize=16)
-def _font(size: int):
+def _font(size: int) -> Any:
     """Load the default font in a size in pixels."""
     return need("PIL.ImageFont", "video").load_default(size)
 
