@@ -11,7 +11,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
-from typing import BinaryIO
+from types import TracebackType
+from typing import BinaryIO, Literal
 
 import numpy as np
 
@@ -37,7 +38,7 @@ _one_listens = threading.Lock()
 
 
 def kind(head: bytes) -> str | None:
-    """The format that the first 12 bytes of a file are of, where PyAV is to read it; None for any other."""
+    """Detect the format of a file by its first 12 bytes, if PyAV is to read it; None for any other."""
     if head[4:8] == b"ftyp":
         return "M4A (AAC)"
     if head[:4] == b"\x1a\x45\xdf\xa3":
@@ -145,7 +146,7 @@ class Decoder:
             self.rate, self.n_channels = int(self._first.sample_rate), self._first.layout.nb_channels
 
     def blocks(self) -> Iterator[np.ndarray]:
-        """Blocks `[shape=(n, channels)]` float32; DataError where the file is damaged or ends too early."""
+        """Yield blocks `[shape=(n, channels)]` float32; raises DataError for a damaged or cut-off file."""
         count = 0
         with self._one_line():
             # One plane for all channels: of eight and more, PyAV reads planes that are not there.
@@ -162,7 +163,7 @@ class Decoder:
             )
 
     def _refuse_change(self, frame, count: int) -> None:
-        """DataError for a frame unlike the first one."""
+        """Refuse a frame unlike the first one with a DataError."""
         for what, of in _SETTINGS.items():
             was, becomes = of(self._first), of(frame)
             if was != becomes:
@@ -171,20 +172,23 @@ class Decoder:
                     f"{count / self.rate:.3f} s; copy it again or convert it to WAV"
                 )
 
-    def _one_line(self):
+    def _one_line(self) -> _OneLine:
+        """Return a context in which errors of FFmpeg become one line."""
         return _OneLine(self)
 
 
 class _OneLine:
-    """Whatever FFmpeg objects to, in one line."""
+    """A context in which errors of FFmpeg become one line."""
 
     def __init__(self, decoder: Decoder):
         self.decoder = decoder
 
-    def __enter__(self):
+    def __enter__(self) -> _OneLine:
         return self
 
-    def __exit__(self, kind, error, trace):
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> Literal[False]:
         if isinstance(error, (DataError, GeneratorExit)) or not isinstance(error, Exception):
             return False
         reason = inputs.shown(getattr(error, "strerror", None) or error)[:200]
