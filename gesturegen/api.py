@@ -117,10 +117,11 @@ class Gesture:
         suffix = place.suffix.lower()
         if suffix == ".bvh":
             self.save(place)
-        elif suffix in (".glb", ".csv", ".npz"):
+        elif suffix.removeprefix(".") in formats.FORMATS:
             formats.write(place, self.motion, self.name, self.pelvis)
         else:
-            raise ConfigError(f"{place}: motions are exported as .bvh, .glb, .csv or .npz; give one of these endings")
+            endings = ", ".join(f".{kind}" for kind in ("bvh", *formats.FORMATS))
+            raise ConfigError(f"{place}: motions are exported as {endings}; give one of these endings")
 
 
 class Gesturer:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -25,19 +27,25 @@ _FLOAT, _USHORT = 5126, 5123
 _ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
 
 
+@dataclass(frozen=True)
+class Format:
+    """A file format of motions.
+
+    encode : the content of a file, of a motion, its name and the name of its pelvis joint (`to_glb`)
+    needs : the package and the extra without which there is no such file; None where nothing is needed
+    """
+
+    encode: Callable[[Motion, str, str], bytes]
+    needs: tuple[str, str] | None = None
+
+
 def write(path: Path, motion: Motion, name: str, pelvis: str = "") -> None:
-    """Write a motion in the format of the file's ending, all or nothing: `.glb`, `.csv` or else arrays.
+    """Write a motion in the format of the file's ending, one of `FORMATS`, all or nothing.
 
     name, pelvis : of `to_glb`
     """
-    suffix = path.suffix.lower()
-    if suffix == ".glb":
-        data = to_glb(motion, name, pelvis)
-        files.write_bytes(path, lambda file: file.write(data))
-    elif suffix == ".csv":
-        files.write_text(path, to_csv(motion))
-    else:
-        files.write_arrays(path, to_arrays(motion))
+    data = FORMATS[path.suffix.lower().removeprefix(".")].encode(motion, name, pelvis)
+    files.write_bytes(path, lambda file: file.write(data))
 
 
 def to_arrays(motion: Motion) -> dict[str, np.ndarray]:
@@ -232,3 +240,23 @@ def _double_pyramids(rest: Motion, pelvis: str = "") -> tuple[np.ndarray, np.nda
         owners += [joint] * 6
         triangles.append(faces[:, ::-1] + 6 * k)
     return np.array(vertices, dtype=np.float32), np.array(owners), np.concatenate(triangles).ravel()
+
+
+def _npz(motion: Motion, _name: str, _pelvis: str) -> bytes:
+    """Encode a motion as an uncompressed `.npz`."""
+    content = io.BytesIO()
+    np.savez(content, **to_arrays(motion))
+    return content.getvalue()
+
+
+def _csv(motion: Motion, _name: str, _pelvis: str) -> bytes:
+    """Encode a motion as a table of joint positions."""
+    return to_csv(motion).encode()
+
+
+# By the endings of files, for `export --format`, `Gesture.export` and `write`.
+FORMATS = {
+    "glb": Format(to_glb, ("pygltflib", "gltf")),
+    "csv": Format(_csv),
+    "npz": Format(_npz),
+}

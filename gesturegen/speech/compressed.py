@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from types import TracebackType
@@ -23,8 +24,6 @@ from gesturegen.errors import DataError
 _SLACK_SECONDS = 0.15
 # The clocks of containers are coarse.
 _CONTAINER_SHARE, _CONTAINER_SLACK_SECONDS = 0.98, 0.5
-# Only what is in the file itself: no playlist, no other file, no network, none of FFmpeg's many other formats.
-_OPTIONS = {"protocol_whitelist": "pipe", "format_whitelist": "mov,matroska,aac,mp3"}
 # Of a frame; no recorder changes them midway.
 _SETTINGS = {
     "the sample rate": lambda frame: frame.sample_rate,
@@ -37,17 +36,32 @@ _END = "\0 end"
 _one_listens = threading.Lock()
 
 
+@dataclass(frozen=True)
+class Format:
+    """A format that PyAV reads: its name in messages, FFmpeg's name of it, and how its files begin."""
+
+    name: str
+    demuxer: str
+    begins: Callable[[bytes], bool]
+
+
+# The first that fits counts: AAC and MP3 both begin with eleven set bits.
+FORMATS = (
+    Format("M4A (AAC)", "mov", lambda head: head[4:8] == b"ftyp"),
+    Format("Matroska or WebM", "matroska", lambda head: head[:4] == b"\x1a\x45\xdf\xa3"),
+    Format("AAC", "aac", lambda head: len(head) > 1 and head[0] == 0xFF and head[1] & 0xF6 == 0xF0),
+    Format(
+        "MP3", "mp3",
+        lambda head: head[:3] == b"ID3" or (len(head) > 1 and head[0] == 0xFF and head[1] & 0xE0 == 0xE0),
+    ),
+)  # fmt: skip
+# Only what is in the file itself: no playlist, no other file, no network, none of FFmpeg's many other formats.
+_OPTIONS = {"protocol_whitelist": "pipe", "format_whitelist": ",".join(entry.demuxer for entry in FORMATS)}
+
+
 def kind(head: bytes) -> str | None:
     """Detect the format of a file by its first 12 bytes, if PyAV is to read it; None for any other."""
-    if head[4:8] == b"ftyp":
-        return "M4A (AAC)"
-    if head[:4] == b"\x1a\x45\xdf\xa3":
-        return "Matroska or WebM"
-    if len(head) > 1 and head[0] == 0xFF and head[1] & 0xF6 == 0xF0:
-        return "AAC"
-    if head[:3] == b"ID3" or (len(head) > 1 and head[0] == 0xFF and head[1] & 0xE0 == 0xE0):
-        return "MP3"
-    return None
+    return next((entry.name for entry in FORMATS if entry.begins(head)), None)
 
 
 def counts_its_frames(file: BinaryIO) -> bool:
