@@ -1,4 +1,4 @@
-"""The command line: parse, load the config, call one `pipeline` function, print what it says."""
+"""The commands: each parses options, loads the config, calls one `pipeline` function and prints its summary."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def _moved_to_doctor(_context, _parameter, asked: bool) -> None:
 def doctor(
     config: Config, jobs: int, quiet: bool, folder: Path | None, blacklist: Path | None, out: Path | None
 ) -> None:
-    """Look through a data set: what is broken, odd or out of step, and what each method could do with it.
+    """Check a data set for what is broken, odd or out of step, and say what each method could do with it.
 
     Measures every recording (units, frame rates, still or torn takes, silent or clipped audio, transcripts that do not
     fit the sound, sound and motion that are apart), prints a table and writes a page. The data are only read.
@@ -199,7 +199,7 @@ def reenact(config: Config, jobs: int, quiet: bool, variants: int) -> None:
 @common
 @force_option
 def train_refiner(config: Config, jobs: int, quiet: bool) -> None:
-    """Train the network that refines what k-NN motion matching shows (needs the extra `torch`).
+    """Train the network that refines the output of k-NN motion matching (needs the extra `torch`).
 
     It learns from the references of the test clips and is kept in WORK/refiner.pt. Training that was interrupted goes on
     where it stopped; refine=true then uses the network in `reenact`.
@@ -245,7 +245,7 @@ def evaluate(
 @common
 @force_option
 def run(config: Config, jobs: int, quiet: bool) -> None:
-    """All stages in order: preprocess, build-graph, reenact, evaluate, pack.
+    """Run all stages in order: preprocess, build-graph, reenact, evaluate, pack.
 
     Does only what is not yet done or has changed, so an interrupted run goes on where it stopped.
 
@@ -279,7 +279,7 @@ def pack(config: Config, jobs: int, quiet: bool) -> None:
 @common
 @click.option("--strict", is_flag=True, help="Stretches of over 1 s without motion are errors, not warnings.")
 def check(config: Config, jobs: int, quiet: bool, folder: Path | None, strict: bool) -> None:
-    """Say of a folder of BVH files whether the challenge would accept it; without FOLDER, of WORK/reenact.
+    """Check whether the challenge would accept a folder of BVH files; without FOLDER, WORK/reenact.
 
     
     Examples:
@@ -337,7 +337,7 @@ def compare(config: Plan, jobs: int, quiet: bool, out: Path | None) -> None:
 
 
 def _read_compared(_context, parameter, values: tuple[str, ...]) -> list[tuple[str, Path]]:
-    """Pairs of a label and a folder; a usage error for anything else."""
+    """Parse pairs of a label and a folder; raise a usage error for anything else."""
     pairs = []
     for value in values:
         label, sign, work = value.partition("=")
@@ -458,7 +458,7 @@ def export(
 
 
 def _of_recordings(command):
-    """The arguments of commands that write transcripts of recordings, whatever their dataset."""
+    """Add the arguments of commands that write transcripts of recordings, whatever their dataset."""
 
     @click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="PATH...")
     @click.option("--output", type=FOLDER, metavar="DIR", help="Where to write, instead of beside what is read.")

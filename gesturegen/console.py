@@ -1,4 +1,4 @@
-"""What all commands of the command line share: options, one-line errors, the lock, how a result is told."""
+"""Options, one-line errors, the folder lock and the printing of results, which all commands share."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ _LOST = {getattr(errno, name) for name in ("ENOSPC", "EIO", "EFBIG", "EDQUOT") i
 
 
 class Program(click.Group):
-    """The whole command line. Called as a function, as by a shell, it runs under supervision."""
+    """The command group, which runs under supervision when it is called as a function, as by a shell."""
 
     def __call__(self, *args: Any, **options: Any) -> None:
         supervision.supervise(lambda: self.main(*args, **options))
@@ -90,7 +90,7 @@ def quiet_option(command: Callable) -> Callable:
 
 
 def wait_option(command: Callable) -> Callable:
-    """Kept in the context, where `run_and_print` finds it: no command needs to know of it."""
+    """Add the option `--wait`, which is kept in the context, where `run_and_print` finds it."""
     return click.option(
         "--wait", is_flag=True, expose_value=False, callback=lambda context, _, value: context.meta.update(wait=value),
         help="Wait for a command that is writing into the same folder.",
@@ -98,7 +98,7 @@ def wait_option(command: Callable) -> Callable:
 
 
 def force_option(command: Callable) -> Callable:
-    """Kept in the context, where `run_and_print` finds it, with the settings that the work folder is to remember."""
+    """Add the option `--force`, which is kept in the context with the settings to be remembered."""
     return click.option(
         "--force", is_flag=True, expose_value=False,
         callback=lambda context, _, value: context.meta.update(remember=True, force=value),
@@ -107,7 +107,7 @@ def force_option(command: Callable) -> Callable:
 
 
 def common(command: Callable, load: Callable | None = None) -> Callable:
-    """The options of every command that works on a dataset; it is called with `config`, `jobs` and `quiet`.
+    """Add the options of every command that works on a dataset; it is called with `config`, `jobs` and `quiet`.
 
     load : what reads a plan for `config`, given its file, the overrides and the folders; without it, settings are read
     """
@@ -155,7 +155,7 @@ def common(command: Callable, load: Callable | None = None) -> Callable:
 
 
 class one_line_errors:
-    """Turns our errors into one line and exit code 1, at the boundary only; bugs keep their traceback."""
+    """Context manager that turns expected errors into one line and exit code 1; bugs keep their traceback."""
 
     def __enter__(self):
         return self
@@ -215,7 +215,7 @@ def _work_of(context: click.Context) -> Path:
 
 
 def _remembering(context: click.Context, say: Callable[[str], None]) -> AbstractContextManager[None]:
-    """What makes the work folder remember the settings of a command that makes motion, as far as it does."""
+    """Return a context that keeps the settings of a command that makes motion in its work folder."""
     if "settings" not in context.meta:
         return nullcontext()
     from gesturegen import remembered
@@ -224,11 +224,11 @@ def _remembering(context: click.Context, say: Callable[[str], None]) -> Abstract
 
 
 def _command_line(context: click.Context) -> str:
-    """What was typed, for others who find the folder locked."""
+    """Return the command as it was typed, to be shown to others who find the folder locked."""
     typed = sys.argv[1:] if supervision.is_watched() else [context.info_name or ""]
     return shlex.join(["gesturegen", *typed])
 
 
 def work_folder(config: Config | Plan) -> list[Path]:
-    """The folder that most commands write into."""
+    """Return the folder that most commands write into, as a list of one."""
     return [Path(getattr(config, "base", config).paths.work)]

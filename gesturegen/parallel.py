@@ -1,4 +1,4 @@
-"""Clip by clip over worker processes: one clip's failure harms no other."""
+"""Parallel work over clips in worker processes, in which one clip's failure harms no other."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gesturegen.outcome import Outcome
 
 
 def default_jobs() -> int:
-    """The processors this process may use."""
+    """Count the processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -55,7 +55,7 @@ def for_each(
 
 
 def describe_bugs(bugs: Mapping[str, str]) -> list[str]:
-    """The traceback of the first bug with a line that says what it is, and how many clips more met with one."""
+    """Format the traceback of the first bug with a line that says what it is, and count the other clips with one."""
     if not bugs:
         return []
     (clip, trace), *others = sorted(bugs.items())
@@ -75,7 +75,7 @@ _shared_bar: Any = None
 
 @contextmanager
 def one_display(stages: int, expected: int, quiet: bool) -> Iterator[None]:
-    """Inside the block all calls of `for_each` share one bar: stage, clips done, time left, failures.
+    """Show one progress bar for all calls of `for_each` in the block: stage, clips done, time left, failures.
 
     expected : how many tasks all stages have together, as far as is known before they start
     """
@@ -92,7 +92,7 @@ def one_display(stages: int, expected: int, quiet: bool) -> Iterator[None]:
 
 @contextmanager
 def _stage(label: str, total: int, quiet: bool) -> Iterator[Any]:
-    """The bar for one call of `for_each`: its own, or the shared one moved on to the next stage."""
+    """Yield the bar for one call of `for_each`: a new one, or the shared one moved on to the next stage."""
     if _shared_bar is None:
         with _new_bar(label, total, quiet) as bar:
             yield bar

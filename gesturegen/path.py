@@ -1,4 +1,4 @@
-"""What a search returns: a `Path` of graph nodes, cut into the pieces of the test speech."""
+"""The result of a search: a `Path` of graph nodes, cut into the pieces of the test speech."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Piece:
 
 
 def resampled_indices(n_nodes: int, length: int) -> np.ndarray:
-    """Fractional indices `[shape=(length,)]` into a piece's nodes, evenly placed over its target's frames.
+    """Compute fractional indices `[shape=(length,)]` into a piece's nodes, evenly placed over its target's frames.
 
     The last frame shows the last node, a stop node; so does the only frame of a piece of one.
     """
@@ -67,13 +67,13 @@ class Track:
 
     @property
     def nodes(self) -> np.ndarray:
-        """The nodes of all pieces `[shape=(n,)]`, as searched."""
+        """Concatenate the nodes of all pieces `[shape=(n,)]`, as searched."""
         return np.concatenate([piece.nodes for piece in self.pieces])
 
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """The result for a whole test speech.
+    """The path found for a whole test speech.
 
     failure : None, or the target at which the search got stuck, with the pieces found before it
     objective : None, or the sums of an objective by term: of a global search `first`, without repetition, and `final`,

@@ -1,4 +1,4 @@
-"""CSV without its traps: every column is known, every row is complete, and every row knows its line."""
+"""Strict CSV: every column is known, every row is complete, and every row knows its line."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def read_rows(
     path: str | Path, columns: Mapping[str, bool], hint: str, others: bool = False,
     error: type[GesturegenError] = ConfigError,
 ) -> list[tuple[int, dict[str, str]]]:  # fmt: skip
-    """The rows of a CSV file with their line numbers; `error` with the line for what is missing or malformed.
+    """Read the rows of a CSV file with their line numbers; raise `error` with the line for missing or malformed parts.
 
     columns : names of all columns and whether their cells must be filled; they may stand in any order
     hint : what to do when the file cannot be read

@@ -1,4 +1,4 @@
-"""YAML without its traps: null, true and false, decimal numbers and text, and every key knows its line.
+"""Strict YAML: null, true and false, decimal numbers and text, and every key knows its line.
 
 PyYAML parses; what a scalar means is decided here, as in the core schema of YAML 1.2 without its octal and
 hexadecimal numbers: `no`, `2020-01-01`, `010`, `1:30`, `0x1F`, `1_000` and `.inf` are text, `1e-3` is a number.
@@ -34,7 +34,7 @@ _REAL = re.compile(r"[-+]?(?:(?:0|[1-9][0-9]*)(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]
 
 
 def read(path: str | Path, hint: str = "check the path") -> Any:
-    """The value of a YAML file; ConfigError with the line for what is missing or malformed.
+    """Read the value of a YAML file; ConfigError with the line for what is missing or malformed.
 
     hint : what to do when the file cannot be read
     """
@@ -42,12 +42,12 @@ def read(path: str | Path, hint: str = "check the path") -> Any:
 
 
 def parse(text: str, name: str) -> Any:
-    """The value of a piece of YAML that errors call `name`."""
+    """Parse a piece of YAML that errors call `name`."""
     return _Document(text, inputs.shown(name)).value
 
 
 def read_mapping(path: str | Path, hint: str) -> tuple[dict[str, Any], dict[tuple, int]]:
-    """The mapping of a YAML file (empty for an empty file), and the line of every key path and list element."""
+    """Read the mapping of a YAML file (empty for an empty file), and the line of every key path and list element."""
     document = _Document(_read_text(path, hint), inputs.shown(path))
     if document.value is None:
         return {}, {}

@@ -1,4 +1,4 @@
-"""The process that watches over a command: it ends the command and its workers on a signal, and says why one died.
+"""The supervisor process of a command: it ends the command and its workers on a signal, and says why one died.
 
 Compiled loops cannot be interrupted from Python, so the command runs in a child process. The one that was started only
 waits for signals and for the child: whatever the child is doing, all of it ends at once, with one line and no traceback.
@@ -69,7 +69,7 @@ def supervise(work: Callable[[], None]) -> None:
 
 
 def _open_standard_files() -> None:
-    """Stand in for standard files that are closed, so that no pipe or lock gets their numbers and what is printed."""
+    """Replace standard files that are closed, so that no pipe or lock gets their numbers and what is printed."""
     for number in (0, 1, 2):
         try:
             os.fstat(number)
@@ -78,7 +78,7 @@ def _open_standard_files() -> None:
 
 
 def _await(child: int, stops: set[signal.Signals]) -> tuple[int | None, int]:
-    """The first signal that asked for an end, and how the child ended."""
+    """Wait for the child; return the first signal that asked for an end, and how the child ended."""
     stopped = None
     while True:
         number = signal.sigwait(stops | {signal.SIGCHLD})
@@ -98,7 +98,7 @@ def _await_closing(reading: int) -> None:
 
 
 def _exit_code(stopped: int | None, status: int) -> int:
-    """The exit code of the whole program; one line on standard error when a signal ended it."""
+    """Return the exit code of the whole program; print one line on standard error when a signal ended it."""
     code = os.waitstatus_to_exitcode(status)
     if stopped is None and code >= 0:
         return code
@@ -117,7 +117,7 @@ def _exit_code(stopped: int | None, status: int) -> int:
 
 
 def describe_death(code: int) -> str:
-    """How a process ended, by its exit code as `subprocess` gives it: the signal and what is likely behind it."""
+    """Describe how a process ended, by its exit code as `subprocess` gives it: the signal and its likely cause."""
     if code >= 0:
         return f"ended by itself with exit code {code}; please report this"
     name = signal_name(-code)
@@ -155,27 +155,27 @@ def _watch(parent: int) -> None:
 
 
 def held_open() -> tuple[int, ...]:
-    """File descriptors that every worker must inherit, so that its end can be awaited."""
+    """Return the file descriptors that every worker must inherit, so that its end can be awaited."""
     return () if _held_open is None else (_held_open,)
 
 
 def is_watched() -> bool:
-    """Whether this process is a command that another one watches over."""
+    """Tell whether this process is a command that a supervisor watches over."""
     return _held_open is not None
 
 
 def process_id() -> int:
-    """The process that was started, and that ends the command when it is ended."""
+    """Return the id of the process that the user started, which ends the command when it is ended."""
     return os.getppid() if is_watched() else os.getpid()
 
 
 def set_hint(text: str) -> None:
-    """What to say when this command is stopped, beside that it was."""
+    """Set the advice that is printed when this command is stopped."""
     _write(_HINT, text)
 
 
 def set_task(name: str) -> None:
-    """The clip that this process works on, to be named when it crashes."""
+    """Set the name of the clip that this process works on, to be reported when it crashes."""
     _write(_TASK, name)
 
 

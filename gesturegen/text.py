@@ -1,4 +1,4 @@
-"""Texts that descriptions share: counted nouns and aligned columns."""
+"""Text helpers for descriptions: counted nouns and aligned columns."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ def count(number: int, noun: str) -> str:
 
 
 def align(rows: Sequence[Sequence[str]], figures: Iterable[int]) -> list[str]:
-    """Lines of columns as wide as their widest cell; those numbered in `figures` to the right."""
+    """Align columns to the width of their widest cell, one line a row; those numbered in `figures` to the right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     right = set(figures)
     return [

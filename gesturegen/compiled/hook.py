@@ -1,4 +1,4 @@
-"""How numba comes to keep our loops and librosa's in `store`: two classes take the place of its own.
+"""The hook by which numba keeps the loops of gesturegen and librosa in `store`: two replaced cache classes.
 
 numba's `Cache` asks a *locator* where a function's code belongs, and a *cache file* to save and load it. The locator
 here answers for functions of gesturegen and librosa only; those of other programs stay where they are.
@@ -24,7 +24,7 @@ _OURS = "store of gesturegen"
 
 
 class Locator(caching._CacheLocator):
-    """Says that a function's compiled code belongs in our store, and of which source it was made."""
+    """Cache locator of numba that puts a function's compiled code into our store, labelled with its source."""
 
     def __init__(self, line: int, stamp: str):
         self._line = line
@@ -53,7 +53,7 @@ class Locator(caching._CacheLocator):
 
 
 class Entries:
-    """Compiled code of one function: in the store, one entry for each signature and processor."""
+    """Cache file of numba for one function, with one entry in the store for each signature and processor."""
 
     def __init__(self, name: str, stamp: str):
         self._name = name
@@ -73,14 +73,14 @@ class Entries:
         return None
 
     def flush(self) -> None:
-        """Do nothing: entries of other sources are never taken for those of this one."""
+        """Do nothing: entries made from other sources are never read for this one."""
 
     def _entry(self, key: Any) -> str:
         return f"{self._name}-{hashlib.sha256(repr((self._stamp, key)).encode()).hexdigest()[:24]}"
 
 
 def install() -> None:
-    """Let numba keep the loops of gesturegen and librosa that are imported from now on in our store."""
+    """Make numba keep the loops of gesturegen and librosa that are imported from now on in our store."""
     numbas_own = caching.IndexDataCacheFile
 
     def cache_file(cache_path: str, filename_base: str, source_stamp: Any) -> Any:
@@ -95,13 +95,13 @@ def install() -> None:
 
 
 def is_kept_elsewhere(loop: Any) -> bool:
-    """Whether numba keeps the compiled code of `loop`, but not in our store."""
+    """Tell whether numba keeps the compiled code of `loop` outside of our store."""
     return isinstance(getattr(loop, "_cache", None), caching.FunctionCache) and loop._cache.cache_path != _OURS
 
 
 @cache
 def source_digest(path: str) -> str:
-    """A digest of a source file and of all that its compiled code may include: our kernels call each other."""
+    """Hash a source file and all that its compiled code may include, since our kernels call each other."""
     sources = sorted(_package().rglob("*_kernels.py")) if Path(path).is_relative_to(_package()) else []
     digest = hashlib.sha256()
     for source in [path, *sources]:

@@ -1,4 +1,4 @@
-"""What all sections of the settings share: their strictness and the kinds of numbers that they hold."""
+"""The base of all sections of the settings: their strictness and the kinds of numbers that they hold."""
 
 from typing import Annotated
 

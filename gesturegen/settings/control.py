@@ -1,4 +1,4 @@
-"""What is demanded of the hands, and which gestures of a library are to be shown: section `control` and its file."""
+"""Section `control` and its file: conditions on the hands, and gestures of a library that are to be shown."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _QUANTILE = re.compile(r"[0-9]+(\.[0-9]+)?%")
 
 
 class Condition(Section):
-    """What a measure of the hands is to be in a time range; a bound is a number or a quantile such as `85%`.
+    """Condition on a measure of the hands in a time range; a bound is a number or a quantile such as `85%`.
 
     Heights, radii and symmetry are in cm, speeds in cm/s, times in seconds; without `to` the range reaches to
     the end of the clip. Only a soft condition has a price, 1 where none is given.
@@ -63,7 +63,7 @@ class Condition(Section):
 
 
 def _quantile(bound: Any) -> float | None:
-    """0 to 1 for a text from `0%` to `100%`; None for anything else."""
+    """Parse a text from `0%` to `100%` as 0 to 1; None for anything else."""
     if not isinstance(bound, str) or not _QUANTILE.fullmatch(bound):
         return None
     share = float(bound[:-1]) / 100
@@ -71,12 +71,12 @@ def _quantile(bound: Any) -> float | None:
 
 
 def bound_text(bound: float | str) -> str:
-    """A bound as it is written."""
+    """Format a bound as it is written in a config."""
     return bound if isinstance(bound, str) else f"{bound:g}"
 
 
 def resolve_bound(bound: float | str | None, missing: float, quantile: Callable[[float], float]) -> float:
-    """The number that a bound stands for; `missing` where there is none.
+    """Return the number that a bound stands for; `missing` where there is none.
 
     quantile : what of the references a share from 0 to 1 lies below
     """
@@ -87,19 +87,19 @@ def resolve_bound(bound: float | str | None, missing: float, quantile: Callable[
 
 
 def shared_time(one: Condition, other: Condition) -> tuple[float, float] | None:
-    """From when to when both conditions hold, in seconds (inf for the end of the clip); None for never."""
+    """Find from when to when both conditions hold, in seconds (inf for the end of the clip); None for never."""
     ends = [math.inf if condition.to is None else condition.to for condition in (one, other)]
     start, end = max(one.from_, other.from_), min(ends)
     return (start, end) if start < end else None
 
 
 def time_text(start: float, end: float) -> str:
-    """A time range in seconds, in words."""
+    """Format a time range in seconds, in words."""
     return f"from {start:g} s on" if math.isinf(end) else f"from {start:g} to {end:g} s"
 
 
 class KeywordGesture(Section):
-    """A gesture of the library that is to be shown at a time, or wherever a word is said."""
+    """Gesture of the library that is to be shown at a time, or wherever a word is said."""
 
     clip: str = "*"
     word: str | None = None
@@ -121,7 +121,7 @@ class KeywordGesture(Section):
 
 
 class Schedule(Section):
-    """What a control file holds: what is demanded of the hands, and which gestures are to be shown."""
+    """The contents of a control file: conditions on the hands, and gestures that are to be shown."""
 
     # Each is compared with each other.
     conditions: Annotated[tuple[Condition, ...], Field(max_length=1000)] = ()

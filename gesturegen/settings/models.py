@@ -231,7 +231,7 @@ PLACES = (
 
 
 def no_control() -> str:
-    """What is wrong with conditions under settings whose method cannot follow them."""
+    """Say what is wrong with conditions under settings whose method cannot follow them."""
     able = " or ".join(method.control for method in METHODS.values() if method.control)
     return f"control of the hands needs {able}; choose one of them or leave conditions out"
 
@@ -297,12 +297,12 @@ class Config(MethodSections):
 
     @property
     def roles(self) -> tuple[tuple[str, str | tuple[str, ...]], ...]:
-        """The roles of joints that are set by name: (role, joint or joints)."""
+        """Return the roles of joints that are set by name: (role, joint or joints)."""
         return tuple((role, name) for role, name in self.skeleton if name is not None)
 
     @property
     def hands(self) -> Control:
-        """Section `control` with the wrists that section `skeleton` names, where `left` and `right` are the default."""
+        """Return section `control` with the wrists of section `skeleton` where `left` and `right` are the default."""
         default = Control()
         named = {"left": self.skeleton.left_wrist, "right": self.skeleton.right_wrist}
         changes = {k: name for k, name in named.items() if name and getattr(self.control, k) == getattr(default, k)}
@@ -310,16 +310,16 @@ class Config(MethodSections):
 
     @property
     def controls(self) -> bool:
-        """Whether the search can follow conditions; gestures of a library can be shown whatever it is."""
+        """Tell whether the search can follow conditions; gestures of a library can be shown whatever it is."""
         return METHODS[self.method].follows_conditions(self)
 
     @property
     def search_name(self) -> str:
-        """What the method searches with."""
+        """Return the name of the method's search."""
         return METHODS[self.method].search_name(self)
 
     def section_json(self, *keys: str) -> str:
-        """Canonical JSON of some settings (`"continuity"`, `"onsets.min_strength"`), for stored files."""
+        """Format some settings (`"continuity"`, `"onsets.min_strength"`) as canonical JSON, for stored files."""
         values = json.loads(self.model_dump_json(by_alias=True))
         chosen = {}
         for key in keys:
@@ -330,7 +330,7 @@ class Config(MethodSections):
         return json.dumps(chosen, sort_keys=True)
 
     def signature(self) -> str:
-        """Twelve hexadecimal digits that name the settings, wherever they were read and files are kept."""
+        """Return twelve hexadecimal digits that name the settings, wherever they were read and files are kept."""
         values = json.loads(self.model_dump_json(by_alias=True))
         for key in PLACES:
             *sections, name = key.split(".")
@@ -342,7 +342,7 @@ class Config(MethodSections):
 
 
 class Ablation(Section):
-    """What an ablation file holds; see `configs/ablation.yaml`."""
+    """The contents of an ablation file; see `configs/ablation.yaml`."""
 
     base: str | None = None
     seeds: tuple[Annotated[int, Field(ge=0)], ...] = (0, 1, 2)

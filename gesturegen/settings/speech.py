@@ -1,4 +1,4 @@
-"""Sections that say how sound and words are read, measured and cut."""
+"""Sections of the settings for reading, measuring and cutting sound and words."""
 
 from __future__ import annotations
 

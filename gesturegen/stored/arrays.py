@@ -1,4 +1,4 @@
-"""Stored arrays: what a kind of `.npz` holds, declared in one table, and the check of a file against it."""
+"""Stored arrays: a table declares what each kind of `.npz` holds, and files are checked against it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Check = Callable[[np.ndarray, Mapping[str, int]], str | None]
 
 @dataclass(frozen=True)
 class Array:
-    """What an array has to be.
+    """Declaration of one stored array.
 
     dtype : `f4`, `f8`, `i4`, `i8`, `bool` or `str`, of this machine's byte order
     shape : sizes by name, the same for all arrays of a file, or as numbers: `N J 3`, `N+1`; nothing for one value
@@ -43,7 +43,7 @@ class Array:
 
 @dataclass(frozen=True)
 class Kind:
-    """What a stored file holds.
+    """Declaration of a kind of stored file.
 
     what : what messages call it; command : what writes it; version : what `format_version` must be, None without one
     relations : what is wrong between arrays that by themselves are as they should be
@@ -60,7 +60,7 @@ class Kind:
 
 
 def within(low: float, high: float, nan: bool = False) -> Check:
-    """Every value is from `low` to `high`, or, where allowed, NaN."""
+    """Make a check that every value is from `low` to `high` or, where allowed, NaN."""
 
     def check(array: np.ndarray, sizes: Mapping[str, int]) -> str | None:
         lowest, highest = (np.fmin, np.fmax) if nan else (np.minimum, np.maximum)
@@ -81,30 +81,30 @@ not_negative = within(0, LARGEST)
 
 
 def below(size: str) -> Check:
-    """Every value is a number from 0 to before a size."""
+    """Make a check that every value is a number from 0 to before a size."""
     return lambda array, sizes: within(0, sizes[size] - 1)(array, sizes)
 
 
 def up_to(size: str) -> Check:
-    """Every value is a number from 0 to a size."""
+    """Make a check that every value is a number from 0 to a size."""
     return lambda array, sizes: within(0, sizes[size])(array, sizes)
 
 
 def rising(size: str) -> Check:
-    """Values rise strictly, from 0 on, below a size."""
+    """Make a check that values rise strictly, from 0 on, below a size."""
 
     return lambda array, sizes: rising_numbers(array, sizes) or below(size)(array, sizes)
 
 
 def rising_numbers(array: np.ndarray, sizes: Mapping[str, int]) -> str | None:
-    """Values rise strictly, from 0 on."""
+    """Check that values rise strictly, from 0 on."""
     if not (array[1:] > array[:-1]).all():
         return "does not rise"
     return not_negative(array, sizes)
 
 
 def starts(size: str) -> Check:
-    """Values begin at 0 and rise strictly, below a size."""
+    """Make a check that values begin at 0 and rise strictly, below a size."""
 
     def check(array: np.ndarray, sizes: Mapping[str, int]) -> str | None:
         if len(array) == 0 or array[0] != 0:
@@ -115,7 +115,7 @@ def starts(size: str) -> Check:
 
 
 def pointers(size: str) -> Check:
-    """Values begin at 0, never fall and end at a size."""
+    """Make a check that values begin at 0, never fall and end at a size."""
 
     def check(array: np.ndarray, sizes: Mapping[str, int]) -> str | None:
         if array[0] != 0 or array[-1] != sizes[size] or not (array[1:] >= array[:-1]).all():
@@ -126,7 +126,7 @@ def pointers(size: str) -> Check:
 
 
 def among(*texts: str) -> Check:
-    """Every text is one of these."""
+    """Make a check that every text is one of the given ones."""
 
     def check(array: np.ndarray, sizes: Mapping[str, int]) -> str | None:
         strange = sorted(set(np.unique(array).tolist()) - set(texts))
@@ -159,7 +159,7 @@ def write(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
 def read(
     path: str | Path, kind: Kind, only: Collection[str] | None = None, mapped: bool = False
 ) -> dict[str, np.ndarray]:
-    """The arrays of a stored file, or those named in `only`, as the kind declares them.
+    """Read the arrays of a stored file, or those named in `only`, and check them against the kind's declaration.
 
     mapped : large ones stay on disk until they are looked at
     Each process looks at each state of a file once. Raises DataError for a file that cannot be read, DamagedError for
@@ -192,7 +192,7 @@ def _require_version(path: Path, kind: Kind, version: np.ndarray | None) -> None
 
 
 def _problem(found: Mapping[str, np.ndarray], kind: Kind, only: Collection[str] | None) -> str | None:
-    """What is wrong with the arrays of a file, the first thing; None when nothing is."""
+    """Say what is wrong with the arrays of a file, the first thing; None when nothing is."""
     if strange := sorted(found.keys() - kind.arrays.keys() - {"format_version"}):
         return f"an array {strange[0][:40]!r}, which no {kind.what} has"
     groups = {kind.arrays[name].group for name in found if name in kind.arrays}
@@ -212,7 +212,7 @@ def _problem(found: Mapping[str, np.ndarray], kind: Kind, only: Collection[str] 
 
 
 def _misfit(array: np.ndarray, declared: Array, sizes: dict[str, int]) -> str | None:
-    """What is wrong with dtype and shape; sizes that are new get the value that they have here."""
+    """Say what is wrong with dtype and shape; sizes that are new get the value that they have here."""
     native = array.dtype.isnative and (
         array.dtype.kind == "U" if declared.dtype == "str" else array.dtype == np.dtype(declared.dtype)
     )
