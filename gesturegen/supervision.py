@@ -1,7 +1,7 @@
 """The supervisor process of a command: it ends the command and its workers on a signal, and says why one died.
 
-Compiled loops cannot be interrupted from Python, so the command runs in a child process. The one that was started only
-waits for signals and for the child: whatever the child is doing, all of it ends at once, with one line and no traceback.
+Compiled loops cannot be interrupted from Python, so the command runs in a child process. The supervisor only waits for
+signals and for the child: whatever the child is doing, all of it ends at once, with one line and no traceback.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Does the recommended setting keep what it promises beside the published one, on every clip of two runs?
+"""Check that the recommended setting keeps its promises beside the published one, on every clip of two runs.
 
     python scripts/check_best.py WORK_OF_BEAM WORK_OF_BEST
 
@@ -41,7 +41,7 @@ TOTALS = (
 
 
 def broken(name: str, promises: tuple, beam: dict, best: dict) -> int:
-    """Print how each promise is kept; how many are not."""
+    """Print how each promise is kept; return how many are not."""
     found = 0
     for what, figure, sign, bound in promises:
         value = figure(beam, best)

@@ -1,4 +1,4 @@
-"""What the descriptions of all libraries share: clips, frames and key nodes in figures, and the look of plots."""
+"""Shared parts of all descriptions of libraries: figures of clips, frames and key nodes, and the look of plots."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ GREY = "0.6"
 def inspect_frames(
     library: ReferenceFrames, more: Mapping[str, Any] | None = None, lines: Sequence[str] = ()
 ) -> Inspection:
-    """Describe a library of any method; more : facts, and lines, of its own."""
+    """Describe a library of any method; more : further facts of the method, lines : its further lines."""
     kinds = Counter(library.key_nodes.kinds.tolist())
     clips = describe_clips(library)
     facts = {

@@ -1,4 +1,4 @@
-"""Recorded motion as a method: uninterrupted stretches of the references, for comparison."""
+"""The baselines as a method: uninterrupted stretches of recorded motion, for comparison."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class Baseline(Method):
-    """A random stretch of the references, or one that goes with other speech (`config.baseline`)."""
+    """Method that shows a random stretch of the references, or the motion of other speech (`config.baseline`)."""
 
     name = "baseline"
     suffix = "-frames"

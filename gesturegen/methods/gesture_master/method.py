@@ -17,7 +17,7 @@ _BYTES_PER_FRAME = 2_500
 
 
 class GestureMasterMethod(Method):
-    """A gesture clip for every clip of the speech, by rhythm, style and transition (§4)."""
+    """Method that chooses a gesture clip for every clip of the speech, by rhythm, style and transition (§4)."""
 
     name = "gesture_master"
     suffix = "-gestures"

@@ -43,7 +43,7 @@ class Borders:
 
     @cached_property
     def side(self) -> _kernels.Side:
-        """What the loops need, in float64."""
+        """Prepare the arrays of the compiled loops, in float64."""
         n_clips, frames = self.positions.shape[:2]
         positions = np.asarray(self.positions, dtype=np.float64)
         turns = np.asarray(self.rotations, dtype=np.float64)
@@ -67,7 +67,7 @@ class Borders:
 
     @cached_property
     def extent(self) -> float:
-        """The largest coordinate."""
+        """Return the largest magnitude of a coordinate."""
         return float(np.abs(self.positions).max(initial=0.0))
 
 
@@ -76,7 +76,7 @@ def _by_component(vectors: np.ndarray) -> np.ndarray:
 
 
 def _matrices(quaternions: np.ndarray) -> np.ndarray:
-    """Rotation matrices, flat `[shape=(..., 9)]`."""
+    """Convert quaternions to rotation matrices, flat `[shape=(..., 9)]`."""
     w, x, y, z = np.moveaxis(quaternions, -1, 0)
     rows = [
         w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y),
@@ -87,7 +87,7 @@ def _matrices(quaternions: np.ndarray) -> np.ndarray:
 
 
 def costs(ends: Borders, starts: Borders, lefts, rights, lambda_1: float, lambda_2: float) -> np.ndarray:
-    """T(p, q) `[shape=(N,)]` of pairs of clips p = `lefts`, q = `rights` `[shape=(N,)]`.
+    """Compute T(p, q) `[shape=(N,)]` of pairs of clips p = `lefts`, q = `rights` `[shape=(N,)]`.
 
     Equal borders cost exactly 0; small angles keep their relative precision.
     """
@@ -105,7 +105,7 @@ def edges(
     ends: Borders, starts: Borders, first: int, last: int, lambda_1: float, lambda_2: float, limit: float,
     block_pairs: int = BLOCK_PAIRS,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """The edges p -> q, those with T(p, q) < `limit`, to the destinations q from `first` to before `last`.
+    """Find the edges p -> q, those with T(p, q) < `limit`, to the destinations q from `first` to before `last`.
 
     Ordered by q, then by p: the number for each q int64 `[shape=(last - first,)]`, the sources p int32
     `[shape=(E,)]` and the costs float32 `[shape=(E,)]`. A clip may follow itself.
@@ -138,7 +138,7 @@ def quantile(
     ends: Borders, starts: Borders, share: float, lambda_1: float, lambda_2: float, rng: np.random.Generator,
     sample: int = 200_000,
 ) -> float:  # fmt: skip
-    """The quantile `share` (0 to 1, as `np.quantile`) of T(p, q) over pairs of different clips.
+    """Compute the quantile `share` (0 to 1, as `np.quantile`) of T(p, q) over pairs of different clips.
 
     Of all pairs where these are at most `sample`, else of as many drawn from `rng`, with repetition.
     """
@@ -163,7 +163,7 @@ def _check(ends: Borders, starts: Borders, lambda_1: float, lambda_2: float) -> 
 
 
 def _reach(ends: Borders, starts: Borders, lambda_1: float, lambda_2: float, limit: float) -> float:
-    """The lower bound, as computed, up to which a cost, as computed, may be below `limit`.
+    """Compute the greatest lower bound, as rounded, at which a cost, as rounded, may be below `limit`.
 
     sum_f |d_f| >= |sum_f d_f| for the positions. Rotations an angle a apart have matrices 2 sqrt(2) sin(a / 2)
     apart (Frobenius), so over sqrt(2) at most a, and the same holds for their sums over frames.

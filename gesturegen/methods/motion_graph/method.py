@@ -19,7 +19,7 @@ _JOINS_PER_PAIR, _MOST_JOINS = 8.0, 350e6
 
 
 class MotionGraphMethod(Method):
-    """A graph of all frames of the references, in which edges lead from each to those that may follow it (§4)."""
+    """Method that searches a graph of all reference frames, with edges to those that may follow each (§4)."""
 
     name = "motion_graph"
     suffix = ""

@@ -1,4 +1,4 @@
-"""What a frame of motion earns where the speech and the recording do the same: beats, onsets, keywords, phrases.
+"""Rewards for frames where the speech and the recorded motion agree: beats, onsets, keywords and phrases.
 
 The question answered: which node of a graph goes well with which frame of a test speech? Each reward is a product of
 a gain, a curve over the speech, and a worth, a curve over the nodes. Worths of beats, onsets and phrases are taken
@@ -37,7 +37,7 @@ LARGEST_LAG_SECONDS = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Reward:
-    """What is earned in frame t by node n: gain[t] * worth[n].
+    """A reward, of which node n in frame t earns gain[t] * worth[n].
 
     name : of the term; gain : float [shape=(T,)]; worth : float [shape=(N,)], weight included
     """
@@ -48,7 +48,7 @@ class Reward:
 
 
 def find(graph: MotionGraph, speech: Speech, config: Config) -> tuple[Reward, ...]:
-    """All rewards whose weight is not 0 and that can be earned at all."""
+    """Find all rewards whose weight is not 0 and that can be earned at all."""
     settings, fps = config.global_search, graph.fps
     onsets = bells(speech.onset_frames, _onset_weights(speech), speech.n_frames, fps)
     rewards = []
@@ -80,7 +80,7 @@ def _keyword_rewards(graph: MotionGraph, speech: Speech, config: Config) -> list
 
 
 def bells(places: np.ndarray, weights: np.ndarray | None, count: int, fps: float) -> np.ndarray:
-    """A curve `[shape=(count,)]` with a bell of height 1, or of its weight, at each of `places`, in frames."""
+    """Compute a curve `[shape=(count,)]` with a bell of height 1, or of its weight, at each of `places`, in frames."""
     curve = np.zeros(count)
     frames = np.round(np.asarray(places)).astype(np.int64)
     inside = (frames >= 0) & (frames < count)
@@ -98,7 +98,7 @@ def _centred(worth: np.ndarray) -> np.ndarray:
 
 
 def _onset_weights(speech: Speech) -> np.ndarray:
-    """Strengths `[shape=(K,)]` of the onset frames over their mean, at most 2."""
+    """Compute the strengths `[shape=(K,)]` of the onset frames over their mean, at most 2."""
     frames = speech.onset_frames
     if speech.onset_strengths is None or not len(frames):
         return np.ones(len(frames))
@@ -114,7 +114,7 @@ def _phrase_frames(speech: Speech, config: Config) -> np.ndarray:
 
 
 def _beats(graph: MotionGraph, config: Config) -> tuple[np.ndarray, np.ndarray] | None:
-    """The motion beats of the nodes, and their weights; None where no hands are known."""
+    """Find the motion beats of the nodes, and their weights; None where no hands are known."""
     try:
         speeds = hands.of_nodes(graph, config.hands)
     except DataError:
@@ -123,7 +123,7 @@ def _beats(graph: MotionGraph, config: Config) -> tuple[np.ndarray, np.ndarray] 
 
 
 def motion_beats(speeds: np.ndarray, segment_starts: Sequence[int], fps: float) -> tuple[np.ndarray, np.ndarray]:
-    """Minima of the speed of the faster hand, and their weights: prominence over its mean, at most 2.
+    """Find minima of the speed of the faster hand, and their weights: prominence over its mean, at most 2.
 
     speeds : `[shape=(N,)]`, cm/s; minima at the border of a segment do not count
     """
@@ -138,7 +138,7 @@ def motion_beats(speeds: np.ndarray, segment_starts: Sequence[int], fps: float) 
 
 
 def measure_beat_lag(graph: MotionGraph, config: Config) -> tuple[float, float] | None:
-    """By how many seconds the motion beats of a reference follow its onsets, and how sure that is.
+    """Measure by how many seconds a reference's motion beats follow its onsets, and how sure that is.
 
     The lag is that of the highest correlation between the curves of beats and onsets, up to half a second either way;
     how sure is how far that one stands above the others, in standard deviations of these. None where there is nothing

@@ -22,7 +22,7 @@ from gesturegen.settings.models import Config
 def search(
     graph: MotionGraph, speech: Speech, config: Config, rng: np.random.Generator, earlier: Sequence[Path] = ()
 ) -> Path:
-    """A path of graph nodes for a whole test speech (§4.2), by the search that the config names.
+    """Find a path of graph nodes for a whole test speech (§4.2), by the search that the config names.
 
     earlier : other variants of this clip: the global search prices what they show, the beam search counts their
     key nodes as used
@@ -32,7 +32,7 @@ def search(
 
 
 def _notes(path: Path, graph: MotionGraph, speech: Speech, config: Config) -> tuple[str, ...]:
-    """What a user should know of a clip beyond its figures."""
+    """List what a user should know of a clip beyond its figures."""
     notes, pieces = [], path.tracks[0].pieces
     wanted = keynodes.of_speech(speech, config.keywords.words).keywords
     lacking = ", ".join(sorted(set(wanted.tolist()) - set(graph.key_nodes.keywords.tolist())))
@@ -73,7 +73,7 @@ def _search(
 
 
 def _control(graph: MotionGraph, speech: Speech, config: Config) -> tuple:
-    """What is demanded of the hands, and the prices of frames that show otherwise; None where nothing is."""
+    """Collect what is demanded of the hands, and the prices of frames that show otherwise; None where nothing is."""
     if not config.control.conditions:
         return (), None
     values = hands.of_nodes(graph, config.hands)
@@ -92,7 +92,7 @@ def _search_by_pieces(
     graph: MotionGraph, cuts: Sequence[Target], wanted: np.ndarray, config: Config, rng: np.random.Generator,
     earlier: Sequence[Path],
 ) -> Path:  # fmt: skip
-    """The beam search (§4.2.1) from piece to piece; `wanted` are the features at their starts.
+    """Run the beam search (§4.2.1) from piece to piece; `wanted` are the features at their starts.
 
     Each piece starts from the children of the previous winner's last node; the first one, one after a
     winner without children and every retry start from key nodes by feature distance.

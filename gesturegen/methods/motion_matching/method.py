@@ -14,7 +14,7 @@ _FEW_MINUTES = 5.0
 
 
 class MotionMatchingMethod(Method):
-    """Every half second the piece of motion that goes on best and sounds best (§3.1)."""
+    """Method that chooses every half second the piece of motion that goes on best and sounds best (§3.1)."""
 
     name = "motion_matching"
     suffix = "-matching"

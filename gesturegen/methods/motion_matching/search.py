@@ -22,7 +22,7 @@ from gesturegen.settings.models import Config
 def search(
     library: MatchingDatabase, speech: Speech, config: Config, rng: np.random.Generator, earlier: Sequence[Path] = ()
 ) -> Path:
-    """The pieces for one test speech (`search_all`).
+    """Find the pieces for one test speech (`search_all`).
 
     earlier : other variants of this clip; the k-th best pieces are shown in the k-th variant
     """
@@ -36,7 +36,7 @@ def search(
 def search_all(
     library: MatchingDatabase, speeches: Mapping[str, Speech], config: Config
 ) -> dict[str, Path | GesturegenError]:
-    """The pieces for all test speeches at once (§3.1.2), by name; an error for a clip that cannot be controlled."""
+    """Find the pieces for all test speeches at once (§3.1.2), by name; an error for an uncontrollable clip."""
     return _search(library, speeches, config, {name: generator(config.seed, name) for name in speeches}, 0)
 
 
@@ -66,7 +66,7 @@ def _search(
 
 
 class _Asked:
-    """What one test clip asks of the search."""
+    """The inputs of the search for one test clip: sound, first pose, masks and prices."""
 
     def __init__(self, library: MatchingDatabase, speech: Speech, config: Config, rng: np.random.Generator, step: int):
         if speech.acoustics is None:
@@ -85,7 +85,7 @@ class _Asked:
             self._restrict(values)
 
     def _restrict(self, values: schedule.Measures) -> None:
-        """Masks and prices of each step: what is demanded where it begins or ends is looked up at both of its ends.
+        """Set masks and prices of each step: demands where it begins or ends are looked up at both of its ends.
 
         Of demands on the same thing that follow one another within a step, the one that holds longer in it counts:
         together they may well contradict each other.
@@ -124,7 +124,7 @@ class _Asked:
 
 
 def _first_pose(library: MatchingDatabase, config: Config, rng: np.random.Generator) -> np.ndarray:
-    """The pose that the first step goes on from (§3.1.2): of a random frame, the mean one, or of a given frame."""
+    """Choose the pose that the first step goes on from (§3.1.2): of a random frame, the mean, or of a given frame."""
     settings = config.motion_matching
     if settings.start == "mean":
         return np.zeros(library.pose.shape[1], dtype=np.float32)
