@@ -57,7 +57,7 @@ def read_motion(path: Place, config: str | Place = remembered.RECOMMENDED) -> Mo
     >>> motion.rotations.shape == (motion.n_frames, len(motion.skeleton.names), 4)
     True
     """
-    return space.read(path, load_config(remembered.shipped(config)))
+    return space.read(os.fspath(path), load_config(remembered.shipped(config)))
 
 
 def read_speech(
@@ -81,7 +81,7 @@ def read_speech(
     True
     """
     settings = load_config(remembered.shipped(config))
-    recording = Recording(Path(audio).stem, None, Path(audio), transcript and Path(transcript))
+    recording = Recording(Path(audio).stem, None, Path(audio), Path(transcript) if transcript else None)
     return clips.prepare(recording, settings, with_motion=False).test_speech(settings)
 
 

@@ -249,7 +249,7 @@ def run(config: Config, jobs: int, quiet: bool) -> None:
 
     Does only what is not yet done or has changed, so an interrupted run goes on where it stopped.
 
-    
+    \b
     Example:
       gesturegen run --config configs/casia_go_2023.yaml --data genea --work out
     """
@@ -267,7 +267,7 @@ def run(config: Config, jobs: int, quiet: bool) -> None:
 def pack(config: Config, jobs: int, quiet: bool) -> None:
     """Check the reenacted clips and write WORK/submission/ and WORK/submission.zip.
 
-    
+    \b
     Example:
       gesturegen pack --data genea --work out
     """
@@ -281,7 +281,7 @@ def pack(config: Config, jobs: int, quiet: bool) -> None:
 def check(config: Config, jobs: int, quiet: bool, folder: Path | None, strict: bool) -> None:
     """Check whether the challenge would accept a folder of BVH files; without FOLDER, WORK/reenact.
 
-    
+    \b
     Examples:
       gesturegen check --data genea --work out
       gesturegen check their/bvh --data genea --strict
@@ -414,7 +414,7 @@ def render(
 @click.argument("target", metavar="PATH")
 @click.option("--plot", type=FILE, metavar="FILE.png", help="Also draw it: edges and degrees, or pieces and joins.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def inspect(config: Config, jobs: int, quiet: bool, target: str, plot: Path | None, as_json: bool) -> None:
+def inspect(config: Config, quiet: bool, target: str, plot: Path | None, as_json: bool, **_jobs: int) -> None:
     """Print the figures of a graph or gesture database, every piece of a trace in one line, or the roles of joints.
 
     PATH is a graph or a database (.npz), a trace (.trace.json), the name of a clip in WORK, or a BVH file, of which its

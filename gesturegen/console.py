@@ -181,7 +181,7 @@ def run_and_print(
         warnings.simplefilter("ignore")
         os.environ["PYTHONWARNINGS"] = "ignore"
     context = click.get_current_context()
-    say = (lambda line: None) if quiet else (lambda line: click.echo(line, err=True))
+    say = (lambda _line: None) if quiet else (lambda line: click.echo(line, err=True))
     with one_line_errors(), locks.locked(writes, _command_line(context), context.meta.get("wait", False), say):
         from gesturegen import pipeline
 
@@ -206,8 +206,8 @@ def run_and_print(
     if outcome.failed:
         click.echo(f"error: {outcome.failed} of {outcome.failed + len(outcome.done)} failed", err=True)
         sys.exit(1)
-    if not quiet and not context.params.get("as_json") and (hint := _NEXT.get(context.info_name or "")):
-        click.echo("next: " + hint.format(work=shlex.quote(str(_work_of(context)))), err=True)
+    if not quiet and not context.params.get("as_json") and (following := _NEXT.get(context.info_name or "")):
+        click.echo("next: " + following.format(work=shlex.quote(str(_work_of(context)))), err=True)
 
 
 def _work_of(context: click.Context) -> Path:
@@ -231,4 +231,5 @@ def _command_line(context: click.Context) -> str:
 
 def work_folder(config: Config | Plan) -> list[Path]:
     """Return the folder that most commands write into, as a list of one."""
-    return [Path(getattr(config, "base", config).paths.work)]
+    base: Any = getattr(config, "base", config)
+    return [Path(base.paths.work)]

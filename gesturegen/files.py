@@ -29,7 +29,7 @@ def is_temporary(path: Path) -> bool:
     return path.name.startswith(_TEMPORARY[0]) and path.name.endswith(_TEMPORARY[1])
 
 
-def write_bytes(path: str | Path, fill: Callable[[BinaryIO], Any]) -> None:
+def write_bytes(path: str | os.PathLike[str], fill: Callable[[BinaryIO], Any]) -> None:
     """Let `fill` write to a temporary file beside `path`, then move it into place.
 
     The file is on the disk before it has its name, so that not even a power cut leaves half of it.
@@ -45,7 +45,7 @@ def write_bytes(path: str | Path, fill: Callable[[BinaryIO], Any]) -> None:
             file.flush()
             temporary.chmod(0o666 & ~_umask())
             os.fsync(file.fileno())
-        os.replace(temporary, path)
+        temporary.replace(path)
         _sync_folder(path.parent)
     except OSError as error:
         _remove(temporary)
@@ -87,7 +87,7 @@ def copy(source: str | Path, target: str | Path) -> None:
     """Write a copy of a file, all or nothing."""
 
     def fill(file: BinaryIO) -> None:
-        with open(source, "rb") as whole:
+        with Path(source).open("rb") as whole:
             shutil.copyfileobj(whole, file)
 
     write_bytes(target, fill)
@@ -116,13 +116,14 @@ def read_json(path: str | Path) -> Any:
 
 def write_arrays(path: str | Path, arrays: dict[str, np.ndarray]) -> None:
     """Write an uncompressed `.npz`: the same arrays give the same bytes."""
-    write_bytes(path, lambda file: np.savez(file, **arrays))
+    named: dict[str, Any] = dict(arrays)  # else taken for the options of savez
+    write_bytes(path, lambda file: np.savez(file, **named))
 
 
 def read_arrays(path: str | Path, only: Collection[str] | None = None) -> dict[str, np.ndarray]:
     """Read all arrays of an `.npz`, or those named in `only` that it has; DataError if it is missing or damaged."""
     try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as stored:
+        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return {name: stored[name] for name in stored.files if only is None or name in only}
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror or error})") from None
@@ -141,7 +142,7 @@ def map_arrays(
     """
     arrays = {}
     try:
-        with open(path, "rb") as file, zipfile.ZipFile(file) as stored:
+        with Path(path).open("rb") as file, zipfile.ZipFile(file) as stored:
             for member in stored.infolist():
                 name = member.filename.removesuffix(".npy")
                 if only is not None and name not in only:

@@ -181,7 +181,7 @@ def describe(reference: Reference, config: Config) -> dict:
         "clip_starts": np.array([0]),
         "source_frames": reference.source_frames,
         "segment_starts": reference.segment_starts,
-        "key_nodes": of_reference(reference, config.keywords.words),
+        "key_nodes": of_reference(reference, config.keywords.words or {}),
         "speaking": reference_speaking(reference, config.pauses),
     }
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 import os
 import re
 import stat
+from collections.abc import Callable
+from io import BufferedReader
 from pathlib import Path
 from typing import BinaryIO
 
@@ -62,17 +64,17 @@ def decimal(text: str) -> float | None:
     return float(text) if len(text) <= 400 and _DECIMAL.fullmatch(text) else None
 
 
-def is_file(path: str | Path) -> bool:
+def is_file(path: str | os.PathLike[str]) -> bool:
     """Tell whether there is a regular file; False where the path cannot even be looked up."""
     return _is(path, stat.S_ISREG)
 
 
-def is_dir(path: str | Path) -> bool:
+def is_dir(path: str | os.PathLike[str]) -> bool:
     """Tell whether there is a folder; False where the path cannot even be looked up."""
     return _is(path, stat.S_ISDIR)
 
 
-def _is(path: str | Path, kind) -> bool:
+def _is(path: str | os.PathLike[str], kind: Callable[[int], bool]) -> bool:
     try:
         return kind(os.stat(path).st_mode)
     except (OSError, ValueError):  # ValueError for a null byte or a surrogate in the path
@@ -86,7 +88,7 @@ def size(file: BinaryIO) -> int:
 
 def open_regular(
     path: str | Path, error: type[GesturegenError] = DataError, hint: str = PERMISSIONS, most_bytes: int | None = None
-) -> BinaryIO:
+) -> BufferedReader:
     """Open a regular file for reading; raise `error` in one line for a missing file and for anything else.
 
     hint : what to do when the file cannot be read; most_bytes : a larger file is refused
@@ -94,7 +96,7 @@ def open_regular(
     try:
         # Looked at before it is opened, for opening some devices does something; and afterwards, for it may have changed.
         _require_regular(os.stat(path).st_mode)
-        file = open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb")
+        file = os.fdopen(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb")
         try:
             state = os.fstat(file.fileno())
             _require_regular(state.st_mode)

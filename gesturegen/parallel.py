@@ -70,7 +70,10 @@ def _here(tasks: Mapping[str, Callable[[], tuple[str, Any]]]) -> Iterator[tuple[
     supervision.set_task("")
 
 
-_shared_bar: Any = None
+class _Shared:
+    """The progress bar that all stages share; None outside of `one_display`."""
+
+    bar: Any = None
 
 
 @contextmanager
@@ -79,25 +82,24 @@ def one_display(stages: int, expected: int, quiet: bool) -> Iterator[None]:
 
     expected : how many tasks all stages have together, as far as is known before they start
     """
-    global _shared_bar
     with _new_bar("", expected, quiet) as bar:
         bar.stage, bar.stages, bar.stage_name = 0, stages, None
-        _shared_bar = bar
+        _Shared.bar = bar
         try:
             yield
             bar.total = bar.n
         finally:
-            _shared_bar = None
+            _Shared.bar = None
 
 
 @contextmanager
 def _stage(label: str, total: int, quiet: bool) -> Iterator[Any]:
     """Yield the bar for one call of `for_each`: a new one, or the shared one moved on to the next stage."""
-    if _shared_bar is None:
+    if _Shared.bar is None:
         with _new_bar(label, total, quiet) as bar:
             yield bar
         return
-    bar = _shared_bar
+    bar = _Shared.bar
     # `build-graph: edges` is part of the stage build-graph.
     name = label.partition(":")[0]
     bar.stage += name != bar.stage_name
@@ -112,7 +114,7 @@ def _new_bar(label: str, total: int, quiet: bool) -> Any:
     from tqdm import tqdm
 
     # disable=None: no bar where the output is no terminal.
-    bar = tqdm(total=total, desc=label, unit="clip", disable=True if quiet else None)
+    bar: Any = tqdm(total=total, desc=label, unit="clip", disable=True if quiet else None)
     bar.failed = 0
     bar.set_postfix(failed=0, refresh=False)
     return bar

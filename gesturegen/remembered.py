@@ -33,7 +33,7 @@ _HARMLESS = ("paths.work", "evaluation", *(key for key in PLACES if key.endswith
 _MOST_KEYS = 6
 
 
-def shipped(name: str | Path) -> Path:
+def shipped(name: str | os.PathLike[str]) -> Path:
     """Find the file that `--config` means: an existing one, or the config of that name that comes with gesturegen.
 
     Raises ConfigError for neither, with the names that there are.
@@ -108,7 +108,7 @@ def _work(overrides: Sequence[str], folders: Mapping[str, str]) -> Path:
 
 def _seen_from(work: Path, value: str) -> str:
     """Convert a stored place, relative to the work folder, to one relative to the current folder."""
-    return value if os.path.isabs(value) else os.path.relpath(os.path.join(os.path.realpath(work), value))
+    return value if Path(value).is_absolute() else os.path.relpath(Path(os.path.realpath(work)) / value)
 
 
 def _is_whole(path: Path) -> bool:
@@ -234,6 +234,7 @@ def _flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
 
 
 def _get(values: Mapping[str, Any], key: str) -> Any:
+    found: Any = values
     for name in key.split("."):
-        values = values.get(name) if isinstance(values, dict) else None
-    return values
+        found = found.get(name) if isinstance(found, dict) else None
+    return found

@@ -81,12 +81,12 @@ def _check_header(
         if name in columns and names.count(name) > 1:
             raise error(f"{where}: column {name!r} stands twice; keep one")
         if name not in columns and not others:
-            name = name[:60]
-            near = get_close_matches(name, columns, n=1, cutoff=0.6)
+            unknown = name[:60]
+            near = get_close_matches(unknown, columns, n=1, cutoff=0.6)
             if near:
-                raise error(f"{where}: unknown column {name!r}; did you mean {near[0]!r}?")
+                raise error(f"{where}: unknown column {unknown!r}; did you mean {near[0]!r}?")
             if not missing:
-                raise error(f"{where}: unknown column {name!r}; expected {_listed(columns)}")
+                raise error(f"{where}: unknown column {unknown!r}; expected {_listed(columns)}")
     if missing:
         found = ",".join(names)[:60]
         raise error(

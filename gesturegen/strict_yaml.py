@@ -80,7 +80,8 @@ class _Document:
     def __init__(self, text: str, name: str):
         self.name = name
         self.lines: dict[tuple, int] = {}
-        self.line, self.key = 1, ()
+        self.line = 1
+        self.key: tuple[str | int, ...] = ()
         if len(text) > MOST_BYTES:
             raise ConfigError(f"{name}: {len(text):,} characters, at most {MOST_BYTES:,} are read; give less")
         try:
@@ -132,7 +133,7 @@ class _Document:
         return self._fail(f"more than {MOST_LEVELS} levels; no setting has so many")
 
     def _sequence(self, key: tuple) -> list:
-        values = []
+        values: list[Any] = []
         while not self.events.check_event(yaml.SequenceEndEvent):
             own = (*key, len(values))
             self.lines[own] = self.events.peek_event().start_mark.line + 1

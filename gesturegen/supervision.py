@@ -31,9 +31,17 @@ _LIKELY = {
 
 # Written by the command and read by the process that watches it: what to say of it when it ends early.
 _HINT, _TASK = slice(0, 1024), slice(1024, 4096)
-_page: mmap.mmap | None = None
-# The writing end of a pipe that the command and all of its workers hold open, so that their end can be awaited.
-_held_open: int | None = None
+
+
+class _State:
+    """What a supervisor and its command share, None where nobody watches.
+
+    page : memory of both; held_open : the writing end of a pipe that the command and all of its workers hold open, so
+    that their end can be awaited
+    """
+
+    page: mmap.mmap | None = None
+    held_open: int | None = None
 
 
 def supervise(work: Callable[[], None]) -> None:
@@ -41,13 +49,12 @@ def supervise(work: Callable[[], None]) -> None:
 
     Exit code: that of the child, or 128 and the number of the signal. Where there is no `fork`, `work` runs here.
     """
-    global _page, _held_open
-    if not hasattr(os, "fork") or _page is not None or threading.active_count() > 1:
+    if not hasattr(os, "fork") or _State.page is not None or threading.active_count() > 1:
         work()
         return
     _open_standard_files()
     stops = {number for number in STOPS if signal.getsignal(number) is not signal.SIG_IGN}
-    _page = mmap.mmap(-1, _TASK.stop)
+    _State.page = mmap.mmap(-1, _TASK.stop)
     reading, writing = os.pipe()
     # Waited for with `sigwait`, which has no moment at which a signal could be missed or raise an exception.
     signal.pthread_sigmask(signal.SIG_BLOCK, stops | {signal.SIGCHLD})
@@ -55,7 +62,7 @@ def supervise(work: Callable[[], None]) -> None:
     parent, child = os.getpid(), os.fork()
     if child == 0:
         os.close(reading)
-        _held_open = writing
+        _State.held_open = writing
         for number in stops | {signal.SIGCHLD}:
             signal.signal(number, signal.SIG_DFL)
         end_with_parent(parent)
@@ -156,12 +163,12 @@ def _watch(parent: int) -> None:
 
 def held_open() -> tuple[int, ...]:
     """Return the file descriptors that every worker must inherit, so that its end can be awaited."""
-    return () if _held_open is None else (_held_open,)
+    return () if _State.held_open is None else (_State.held_open,)
 
 
 def is_watched() -> bool:
     """Tell whether this process is a command that a supervisor watches over."""
-    return _held_open is not None
+    return _State.held_open is not None
 
 
 def process_id() -> int:
@@ -180,10 +187,11 @@ def set_task(name: str) -> None:
 
 
 def _write(place: slice, text: str) -> None:
-    if _page is not None:
+    if _State.page is not None:
         size = place.stop - place.start
-        _page[place] = text.encode(errors="backslashreplace")[: size - 1].ljust(size, b"\0")
+        _State.page[place] = text.encode(errors="backslashreplace")[: size - 1].ljust(size, b"\0")
 
 
 def _read(place: slice) -> str:
-    return bytes(_page[place]).rstrip(b"\0").decode(errors="replace")
+    assert _State.page is not None, "only a supervisor reads"
+    return bytes(_State.page[place]).rstrip(b"\0").decode(errors="replace")

@@ -60,10 +60,7 @@ def _record(group: str) -> str:
 
 def _is_kept(group: str) -> bool:
     """Tell whether everything that a group needs is in the store and sound."""
-    for stored in store.read(_record(group)):
-        if all(store.is_sound(name) for name in json.load(stored)):
-            return True
-    return False
+    return any(all(store.is_sound(name) for name in json.load(stored)) for stored in store.read(_record(group)))
 
 
 def _compile_speech() -> None:

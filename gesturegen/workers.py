@@ -19,6 +19,7 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 from gesturegen import locks, supervision
@@ -44,8 +45,9 @@ class Worker:
                 f"workers.serve({theirs.fileno()}, {os.getpid()})"
             )
             try:
+                flags = subprocess._args_from_interpreter_flags()  # type: ignore[attr-defined] # private, not in typeshed
                 self.process = subprocess.Popen(
-                    [sys.executable, *subprocess._args_from_interpreter_flags(), "-c", code],
+                    [sys.executable, *flags, "-c", code],
                     stdin=subprocess.DEVNULL, pass_fds=inherited, env={**dict.fromkeys(_ONE_THREAD, "1"), **os.environ},
                 )  # fmt: skip
             except OSError as error:
@@ -100,7 +102,7 @@ class _Crew:
     def answer(self, name: str, task: Callable[[], tuple[str, Any]]) -> tuple[str, str, Any]:
         """Run a task in a worker and return its name, kind and value; kind `dead`, with the exit code, if it died."""
         try:
-            data = pickle.dumps((os.getcwd(), task), pickle.HIGHEST_PROTOCOL)
+            data = pickle.dumps((str(Path.cwd()), task), pickle.HIGHEST_PROTOCOL)
         except Exception:
             return name, "bugs", traceback.format_exc()
         for _ in range(_MOST_STARTS):
@@ -154,7 +156,7 @@ class _Crew:
 
 
 def run(
-    tasks: Mapping[str, Callable[[], tuple[str, Any]]], jobs: int, fresh: bool, say: Callable[[str], None]
+    tasks: Mapping[str, Callable[[], tuple[str, Any]]], jobs: int, fresh: bool, say: Callable[[str], object]
 ) -> Iterator[tuple[str, str, Any]]:
     """Run every task in one of `jobs` workers; yield `(name, kind, value)` as they end.
 

@@ -49,7 +49,7 @@ from gesturegen.speech import audio, prosody
 from tests import naive
 
 FOLDER = Path("bench")
-ONE_CORE = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")}
+ONE_CORE = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 BUILD, BUILD_CLIPS = "build graph", "build clips"
 STAGES = {
     BUILD: "continuity analysis with both prunings",

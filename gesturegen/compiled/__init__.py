@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import sys
 from functools import cache
+from pathlib import Path
 from types import ModuleType
 
 import numba
@@ -24,7 +25,7 @@ njit = numba.njit
 
 def is_switched_on() -> bool:
     """Tell whether loops are compiled at all, and not run as plain Python by NUMBA_DISABLE_JIT=1."""
-    return not numba.config.DISABLE_JIT
+    return not store.config.DISABLE_JIT
 
 
 @cache
@@ -42,7 +43,7 @@ def load_librosa() -> ModuleType:
 
 def _import_for_the_homeless() -> None:
     """Import the part of librosa that looks up the user's home, with a substitute for a user without one."""
-    if os.path.isabs(os.path.expanduser("~")) or os.path.isabs(os.environ.get("XDG_CACHE_HOME", "")):
+    if store.home_folder() is not None or Path(os.environ.get("XDG_CACHE_HOME", "")).is_absolute():
         return
     before = os.environ.get("XDG_CACHE_HOME")
     # It is where examples would be downloaded to, and nothing of ours does that.

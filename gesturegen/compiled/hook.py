@@ -13,10 +13,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from numba.core import caching, config
+from numba.core import caching
 from numba.core.serialize import dumps
 
 from gesturegen.compiled import store
+from gesturegen.compiled.store import config
 
 _PACKAGES = ("gesturegen", "librosa")
 # What our locator gives as folder, by which the cache files of our functions are known.
@@ -81,6 +82,7 @@ class Entries:
 
 def install() -> None:
     """Make numba keep the loops of gesturegen and librosa that are imported from now on in our store."""
+    replaced: Any = caching
     numbas_own = caching.IndexDataCacheFile
 
     def cache_file(cache_path: str, filename_base: str, source_stamp: Any) -> Any:
@@ -88,7 +90,7 @@ def install() -> None:
             return Entries(filename_base, source_stamp)
         return numbas_own(cache_path, filename_base, source_stamp)
 
-    caching.IndexDataCacheFile = cache_file
+    replaced.IndexDataCacheFile = cache_file
     caching.CacheImpl._locator_classes = [Locator, *caching.CacheImpl._locator_classes]
     if getattr(config, "CACHE_LOCATOR_CLASSES", ""):
         config.CACHE_LOCATOR_CLASSES = f"{__name__}.Locator,{config.CACHE_LOCATOR_CLASSES}"
@@ -104,8 +106,8 @@ def source_digest(path: str) -> str:
     """Hash a source file and all that its compiled code may include, since our kernels call each other."""
     sources = sorted(_package().rglob("*_kernels.py")) if Path(path).is_relative_to(_package()) else []
     digest = hashlib.sha256()
-    for source in [path, *sources]:
-        digest.update(hashlib.sha256(Path(source).read_bytes()).digest())
+    for source in [Path(path), *sources]:
+        digest.update(hashlib.sha256(source.read_bytes()).digest())
     return digest.hexdigest()
 
 

@@ -19,12 +19,15 @@ from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import IO, BinaryIO
+from typing import IO, Any, BinaryIO
 
 import llvmlite.binding
-from numba.core import config
+from numba.core import config as numba_config
 
 from gesturegen import __version__
+
+# numba makes its attributes at run time.
+config: Any = numba_config
 
 _FORMAT = b"gesturegen compiled code 1\n"
 _DIGEST_BYTES = hashlib.sha256().digest_size
@@ -85,7 +88,7 @@ def alone(patience: float = 300) -> Iterator[Path | None]:
         if folder is not None:
             _tidy(folder)
             with suppress(OSError):
-                file = stack.enter_context(open(folder / "lock", "a"))
+                file = stack.enter_context((folder / "lock").open("a"))
                 deadline = time.monotonic() + patience
                 while not _locked(file) and time.monotonic() < deadline:
                     time.sleep(0.1)
@@ -135,11 +138,20 @@ def cache_folder() -> Path | None:
     """Find the cache folder of numba, or of the user; None for a user without a home."""
     if config.CACHE_DIR:
         return Path(config.CACHE_DIR).absolute() / "gesturegen"
-    named = os.environ.get("XDG_CACHE_HOME", "")
-    if os.path.isabs(named):
-        return Path(named) / "gesturegen"
-    home = os.path.expanduser("~")
-    return Path(home) / ".cache" / "gesturegen" if os.path.isabs(home) else None
+    named = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    if named.is_absolute():
+        return named / "gesturegen"
+    home = home_folder()
+    return None if home is None else home / ".cache" / "gesturegen"
+
+
+def home_folder() -> Path | None:
+    """Find the home folder of the user; None for a user without one."""
+    try:
+        home = Path.home()
+    except RuntimeError:
+        return None
+    return home if home.is_absolute() else None
 
 
 @cache
@@ -202,14 +214,15 @@ def _is_safe(folder: Path) -> bool:
 
 
 def _replace(path: Path, data: bytes) -> None:
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f"{path.name[:40]}-", suffix=".new")
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f"{path.name[:40]}-", suffix=".new")
+    temporary = Path(name)
     try:
-        with open(handle, "wb") as file:
+        with os.fdopen(handle, "wb") as file:
             file.write(data)
         # Entries of root may serve others, as in an image of a container.
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
+        temporary.chmod(0o644)
+        temporary.replace(path)
     except BaseException:
         with suppress(OSError):
-            os.unlink(temporary)
+            temporary.unlink()
         raise

@@ -6,10 +6,11 @@ one. Modules with kernels are imported inside the functions that need them, so t
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 if TYPE_CHECKING:
     import numpy as np
@@ -80,7 +81,7 @@ class Material:
     config: Config
 
 
-class Method(Protocol):
+class Method(ABC):
     """A way to choose frames of references for speech; subclasses override what differs from the defaults here.
 
     name : as in the config and in what the method stores
@@ -138,21 +139,21 @@ class Method(Protocol):
 
     # --- the library
 
+    @abstractmethod
     def part(self, reference: Reference, config: Config) -> Any:
         """Extract one reference's part of a library; DataError when it is unfit."""
-        ...
 
+    @abstractmethod
     def assemble(self, parts: Sequence[Any], config: Config) -> ReferenceFrames:
         """Assemble a library from several parts; DataError when their skeletons differ."""
-        ...
 
+    @abstractmethod
     def kind(self) -> Kind:
         """Return the format of the method's stored library."""
-        ...
 
+    @abstractmethod
     def library_type(self) -> type[ReferenceFrames]:
         """Return the class of the method's library."""
-        ...
 
     def prepare(
         self, jobs: Mapping[str, Job], todo: Collection[str], run: Callable[[Mapping, str], Outcome]
@@ -172,6 +173,7 @@ class Method(Protocol):
 
     def built(self, job: Job) -> None:
         """Finish a job after its library has been stored, such as by deleting intermediate files."""
+        return None
 
     def shown_clips(self, config: Config, names: Sequence[str]) -> Sequence[Reference]:
         """Return the clips of a library in the order of its nodes, for rendering what it shows of them."""
@@ -199,12 +201,12 @@ class Method(Protocol):
 
     # --- the search
 
+    @abstractmethod
     def search(
         self, library: ReferenceFrames, speech: Speech, config: Config, rng: np.random.Generator,
         earlier: Sequence[Path] = (),
     ) -> Path:  # fmt: skip
         """Find a path for a whole test speech; earlier : the paths of other variants, from which it should differ."""
-        ...
 
     def search_all(
         self, library: ReferenceFrames, speeches: Mapping[str, Speech], config: Config

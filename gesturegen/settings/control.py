@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, field_validator, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from gesturegen.settings.base import MOST_MISTAKES, NotNegative, Positive, Section
 
@@ -130,7 +130,7 @@ class Schedule(Section):
     @field_validator("conditions")
     @classmethod
     def _one_at_a_time(cls, conditions: tuple[Condition, ...]) -> tuple[Condition, ...]:
-        mistakes = []
+        mistakes: list[InitErrorDetails] = []
         for (first, one), (second, other) in itertools.combinations(enumerate(conditions), 2):
             time = shared_time(one, other)
             if time and (one.clip, one.measure, one.hand) == (other.clip, other.measure, other.hand):

@@ -9,6 +9,7 @@ from difflib import get_close_matches
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from gesturegen import inputs
 from gesturegen.errors import ConfigError
@@ -29,14 +30,14 @@ def validated(
         raise ConfigError("\n".join(dict.fromkeys(mistakes))) from None
 
 
-def _of_other_member(problem: dict) -> bool:
+def _of_other_member(problem: ErrorDetails) -> bool:
     """Tell whether an error only says that a list of joints is not `all`: a list is wrong for its elements only."""
     return (
         problem["loc"][:1] == ("joints",) and problem["type"] == "literal_error" and isinstance(problem["input"], list)
     )
 
 
-def _key(problem: dict) -> tuple:
+def _key(problem: ErrorDetails) -> tuple:
     """Return the path of the key that one of pydantic's errors is about."""
     # What is wrong with several sections together names the key to look at.
     key = tuple(problem["loc"]) or tuple(problem.get("ctx", {}).get("key", "").split("."))
@@ -52,7 +53,7 @@ def _line(key: tuple, lines: dict[tuple, int]) -> int | None:
 
 
 def _describe(
-    problem: dict, top: type[Section], origin: str, lines: dict[tuple, int], set_keys: Collection[tuple]
+    problem: ErrorDetails, top: type[Section], origin: str, lines: dict[tuple, int], set_keys: Collection[tuple]
 ) -> str:
     """Describe one of pydantic's errors in one line."""
     key = _key(problem)
@@ -63,9 +64,9 @@ def _describe(
         where = f"{origin}:{line}" if line else origin
     name = ".".join(str(part) for part in key) or "the whole file"
     if problem["type"] == "extra_forbidden":
-        allowed = _keys_beside(key, top)
-        near = get_close_matches(str(key[-1])[:100], allowed, n=1, cutoff=0.5)
-        hint = f"did you mean {near[0]!r}?" if near else f"allowed here: {', '.join(allowed)}"
+        known = _keys_beside(key, top)
+        near = get_close_matches(str(key[-1])[:100], known, n=1, cutoff=0.5)
+        hint = f"did you mean {near[0]!r}?" if near else f"allowed here: {', '.join(known)}"
         return f"{where}: unknown key {inputs.shown(name)!r}; {hint}"
     if problem["type"] == "missing":
         return f"{where}: {name}: missing; add this key"

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -62,7 +63,7 @@ class Kind:
 def within(low: float, high: float, nan: bool = False) -> Check:
     """Make a check that every value is from `low` to `high` or, where allowed, NaN."""
 
-    def check(array: np.ndarray, sizes: Mapping[str, int]) -> str | None:
+    def check(array: np.ndarray, _sizes: Mapping[str, int]) -> str | None:
         lowest, highest = (np.fmin, np.fmax) if nan else (np.minimum, np.maximum)
         for block in _blocks(array):
             least, most = lowest.reduce(block), highest.reduce(block)
@@ -128,7 +129,7 @@ def pointers(size: str) -> Check:
 def among(*texts: str) -> Check:
     """Make a check that every text is one of the given ones."""
 
-    def check(array: np.ndarray, sizes: Mapping[str, int]) -> str | None:
+    def check(array: np.ndarray, _sizes: Mapping[str, int]) -> str | None:
         strange = sorted(set(np.unique(array).tolist()) - set(texts))
         return f"holds {strange[0]!r}, expected {', '.join(texts)}" if strange else None
 
@@ -149,8 +150,10 @@ _looked_at: dict[tuple[str, str, tuple[str, ...] | None], tuple[int, ...]] = {}
 def write(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
     """Store arrays with a checksum, uncompressed: the same arrays give the same bytes."""
 
-    def fill(file) -> None:
-        np.savez(file, **arrays)
+    named: dict[str, Any] = dict(arrays)  # else taken for the options of savez
+
+    def fill(file: BinaryIO) -> None:
+        np.savez(file, **named)
         seal_archive(file)
 
     files.write_bytes(path, fill)
@@ -168,7 +171,7 @@ def read(
     path = Path(path)
     checksum(path, kind.command)
     names = None if only is None else {*only, "format_version"}
-    found = files.map_arrays(path, *([] if mapped else [math.inf]), only=names)
+    found = files.map_arrays(path, only=names) if mapped else files.map_arrays(path, math.inf, only=names)
     looked = str(path), kind.what, None if only is None else tuple(sorted(only))
     state = file_state(path)
     if _looked_at.get(looked) != state:
@@ -207,8 +210,7 @@ def _problem(found: Mapping[str, np.ndarray], kind: Kind, only: Collection[str] 
     for name, array in found.items():
         if name in kind.arrays and (problem := _wrong_value(array, kind.arrays[name], sizes)):
             return f"{name} {problem}"
-    whole = only is None and kind.relations is not None
-    return kind.relations(found) if whole else None
+    return kind.relations(found) if only is None and kind.relations is not None else None
 
 
 def _misfit(array: np.ndarray, declared: Array, sizes: dict[str, int]) -> str | None:
@@ -222,7 +224,9 @@ def _misfit(array: np.ndarray, declared: Array, sizes: dict[str, int]) -> str | 
     if array.ndim != len(wanted):
         return f"has {array.ndim} dimensions, expected {len(wanted)}"
     for size, term in zip(array.shape, wanted, strict=True):
-        name, more = re.fullmatch(r"(\w+)(\+1)?", term).groups()
+        matched = re.fullmatch(r"(\w+)(\+1)?", term)
+        assert matched is not None, f"{term} is no size"
+        name, more = matched.groups()
         expected = int(name) if name.isdecimal() else sizes.setdefault(name, size - bool(more))
         if size != expected + bool(more) or expected < 0:
             return f"has shape {array.shape}, expected {declared.shape} with {term} = {expected + bool(more)}"

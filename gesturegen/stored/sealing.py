@@ -33,7 +33,7 @@ def seal_archive(file: BinaryIO) -> None:
     file.seek(-2, os.SEEK_END)
     file.write(struct.pack("<H", _COMMENT_BYTES))
     file.seek(0)
-    digest = hashlib.file_digest(file, "sha256").hexdigest()
+    digest = hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type] # BinaryIO lacks readinto
     file.seek(0, os.SEEK_END)
     file.write(_MARK + digest.encode())
 
@@ -67,7 +67,7 @@ def checksum(path: str | Path, command: str) -> str:
         state = file_state(path)
         before, digest = _known.get(str(path), (None, ""))
         if before != state:
-            with open(path, "rb") as file:
+            with path.open("rb") as file:
                 digest = _checked_digest(file, path, command)
             _known[str(path)] = state, digest
         return digest

@@ -47,14 +47,14 @@ def build(references: Sequence[Reference], config: Config) -> RecordedFrames:
 
 
 def search(
-    library: RecordedFrames, speech: Speech, config: Config, rng: np.random.Generator, earlier: Sequence[Path] = ()
+    library: RecordedFrames, speech: Speech, config: Config, rng: np.random.Generator, _earlier: Sequence[Path] = ()
 ) -> Path:
     """Choose uninterrupted stretches of the references: one where any is long enough, else several in a row.
 
     random_stretch : from a frame drawn at random
     mismatched : mismatched speech and motion, which is real motion with the timing of the other speech that it was
         recorded with: a speech onset of the references, drawn at random, falls on the first onset of the test speech
-    earlier : not looked at; another variant draws another stretch
+    _earlier : not looked at; another variant draws another stretch
     """
     last = np.repeat(library.segment_ends, np.diff(np.append(library.segment_starts, library.n_nodes)))
     pieces: list[Piece] = []

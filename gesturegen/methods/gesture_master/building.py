@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import fields
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -48,6 +48,19 @@ _DESCRIBED = {
     for name, value in reference_frames.ARRAYS.items()
     if name not in ("method", "config", "clip_digests", "positions")
 }
+
+
+def _unfit_part(stored: Mapping[str, np.ndarray]) -> str | None:
+    """Say what is wrong between the arrays of a part, each valid by itself; None when nothing is."""
+    frames = {name.removeprefix("described_"): value for name, value in stored.items()}
+    for body in BODIES:
+        positions, rotations = stored[f"{body}_joints"].tolist()
+        values, frame = stored[f"{body}_ends"].shape[-1], 3 * positions + 4 * rotations
+        if values and (not frame or values % frame):
+            return f"{body}_joints do not fit {body}_ends"
+    return reference_frames.unfit(frames) or database.unfit_clips(frames)
+
+
 # What has been built of a recording: `Gestures`, and what `describe` says of its frames.
 _PART = Kind(
     "part of a gesture database", "build-graph",
@@ -64,7 +77,7 @@ _PART = Kind(
         "poses": Array("f4", "copies G pose_values"),
         **{name if name.startswith("key_") else f"described_{name}": value for name, value in _DESCRIBED.items()},
     },
-    relations=lambda stored: _unfit_part(stored),
+    relations=_unfit_part,
 )  # fmt: skip
 # The edges that lead to some of the clips, of which there are as many as there are in the whole database.
 _BLOCK_KIND = Kind(
@@ -153,17 +166,6 @@ def _made_of(config: Config, names: Sequence[str], *settings: str) -> str:
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
-def _unfit_part(stored: Mapping[str, np.ndarray]) -> str | None:
-    """Say what is wrong between the arrays of a part, each valid by itself; None when nothing is."""
-    frames = {name.removeprefix("described_"): value for name, value in stored.items()}
-    for body in BODIES:
-        positions, rotations = stored[f"{body}_joints"].tolist()
-        values, frame = stored[f"{body}_ends"].shape[-1], 3 * positions + 4 * rotations
-        if values and (not frame or values % frame):
-            return f"{body}_joints do not fit {body}_ends"
-    return reference_frames.unfit(frames) or database.unfit_clips(frames)
-
-
 def _is_stored(path: Path, kind: Kind, made_of: str) -> tuple[bool, list[str]]:
     """Tell whether a part of these inputs is stored as it was written, with a note on one that is not."""
     try:
@@ -204,7 +206,9 @@ def _extract(config: Config, recording: str, limit: int | None) -> list[str]:
 
 def _read_part(path: Path) -> tuple[Gestures, dict]:
     stored = stored_arrays.read(path, _PART, mapped=True)
-    described = {name.removeprefix("described_"): value for name, value in stored.items() if "described_" in name}
+    described: dict[str, Any] = {
+        name.removeprefix("described_"): value for name, value in stored.items() if "described_" in name
+    }
     described |= {
         "joint_names": tuple(described["joint_names"].tolist()),
         "clip_names": tuple(described["clip_names"].tolist()),
@@ -257,16 +261,13 @@ def build(job: Job) -> GestureDatabase:
     edges = {}
     for body in BODIES:
         blocks = [Edges(**_edge_arrays(_block_path(job.path, body, first))) for first in range(0, count, BLOCK)]
-        edges[body] = (
-            Edges(
+        if blocks:  # without a gesture clip there are none, which `assemble` refuses
+            edges[body] = Edges(
                 np.append(0, np.cumsum(np.concatenate([np.diff(block.indptr) for block in blocks]))),
                 np.concatenate([block.sources for block in blocks]),
                 np.concatenate([block.costs for block in blocks]),
                 blocks[0].delta,
             )
-            if blocks
-            else None
-        )
     return database.assemble(parts, join(described), edges, job.config)
 
 
@@ -320,7 +321,7 @@ def _unmatched(found: GestureDatabase, config: Config) -> list[tuple[str, str, s
     ]
 
 
-class StoredReferences(Sequence):
+class StoredReferences(Sequence[clips.Reference]):
     """Sequence of references that are read on access and not kept, with mirrored copies after the recordings."""
 
     def __init__(self, config: Config, names: Sequence[str]):
@@ -330,7 +331,15 @@ class StoredReferences(Sequence):
     def __len__(self) -> int:
         return len(self.names) * (2 if self.config.gesture_master.mirror else 1)
 
-    def __getitem__(self, number: int) -> clips.Reference:
+    @overload
+    def __getitem__(self, number: int) -> clips.Reference: ...
+
+    @overload
+    def __getitem__(self, number: slice) -> Sequence[clips.Reference]: ...
+
+    def __getitem__(self, number: int | slice) -> clips.Reference | Sequence[clips.Reference]:
+        if isinstance(number, slice):
+            return [self[k] for k in range(*number.indices(len(self)))]
         if not 0 <= number < len(self):
             raise IndexError(number)
         copy, own = divmod(number, len(self.names))

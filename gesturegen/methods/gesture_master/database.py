@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,7 +117,7 @@ def assemble(parts: Sequence[Gestures], described: dict, edges: dict[str, Edges]
     first_nodes, n_nodes = described["clip_starts"], len(described["source_frames"])
     counts = [len(part.starts) for part in parts]
     own = np.arange(sum(counts))
-    rests = _by_copy(parts, lambda part, copy: part.rests)
+    rests = _by_copy(parts, lambda part, _copy: part.rests)
     styles = _by_copy(parts, lambda part, copy: part.styles[copy])
     offsets = np.repeat(first_nodes, counts)
     starts = np.concatenate([part.starts for part in parts]) + offsets
@@ -132,9 +132,9 @@ def assemble(parts: Sequence[Gestures], described: dict, edges: dict[str, Edges]
         mirrored=np.repeat([False, True][:copies], len(parts)),
         starts=np.concatenate([starts + copy * n_nodes for copy in range(copies)]),
         stops=np.concatenate([stops + copy * n_nodes for copy in range(copies)]),
-        names=_by_copy(parts, lambda part, copy: part.names),
+        names=_by_copy(parts, lambda part, _copy: part.names),
         rests=rests,
-        rhythms=_by_copy(parts, lambda part, copy: part.rhythms),
+        rhythms=_by_copy(parts, lambda part, _copy: part.rhythms),
         styles=styles,
         style_means=styles[gestures].mean(axis=0),
         style_scales=styles[gestures].std(axis=0),
@@ -150,7 +150,7 @@ def assemble(parts: Sequence[Gestures], described: dict, edges: dict[str, Edges]
         n_fitted=np.array(regression.n_clips),
         **{name: getattr(parts[0], name) for name in ("upper_names", "lower_names", "finger_names")},
         dropped=np.concatenate([part.dropped for part in parts]),
-        thresholds=_mean_lengths(sum(part.thresholds for part in parts)),
+        thresholds=_mean_lengths(np.asarray(sum(part.thresholds for part in parts))),
         notes=np.array(list(dict.fromkeys(note for part in parts for note in part.notes.tolist())), dtype=str),
     )
 
@@ -163,7 +163,7 @@ def _nothing_left(parts: Sequence[Gestures]) -> str:
     )
 
 
-def _by_copy(parts: Sequence[Gestures], of) -> np.ndarray:
+def _by_copy(parts: Sequence[Gestures], of: Callable[[Gestures, int], np.ndarray]) -> np.ndarray:
     """Stack the rows of all clips: those of all recordings, then, where there are any, their mirrored copies."""
     copies = len(parts[0].positions)
     return np.concatenate([of(part, copy) for copy in range(copies) for part in parts])
@@ -260,6 +260,7 @@ def threshold(borders: tuple[transitions.Borders, transitions.Borders], body: st
         return settings.delta_t
     if len(borders[0]) < 2:  # no transition between different clips
         return 0.0
+    assert settings.delta_quantile is not None  # the settings are refused without either
     # Not by the run's seed: a graph is the same for all of them.
     rng = generator(0, f"delta_T of the {body} body")
     return transitions.quantile(*borders, settings.delta_quantile, settings.lambda_1, settings.lambda_2, rng)

@@ -79,7 +79,7 @@ def describe_database(database: GestureDatabase) -> dict:
         "dropped": dropped,
         "dropped_kinds": dict(Counter(_reason_kind(one["reason"]) for one in dropped).most_common()),
         "notes": database.notes.tolist(),
-        "clips": [_describe_clip(database, k, copied) for k in np.flatnonzero(own)],
+        "clips": [_describe_clip(database, k, copied) for k in np.flatnonzero(own).tolist()],
     }
 
 

@@ -99,6 +99,7 @@ def mirrored(reference: Reference, config: Config) -> Reference:
     # Helpers such as GENEA's `p_l_delt` move nothing, wherever they are.
     away[[not skeleton.children(j) and partners[j] == j for j in range(len(away))]] = 0.0
     size = np.ptp(rest, axis=0).max()
+    motion: Motion | None
     if away.max() <= _MOST_ASYMMETRY * size:
         motion = mirror.mirror(reference.motion, partners)
     elif (motion := _mirrored_places(reference.motion, partners, config)) is None:
@@ -242,7 +243,7 @@ class _Segments:
         # What is left of a segment may be too short to be merged with anything.
         if clip.end - clip.start < shortest * self.fps - 0.5:
             return f"{(clip.end - clip.start) / self.fps:.2f} s long, below {shortest:g}"
-        segment = int(self.of(clip.start))
+        segment = int(self.of(np.asarray(clip.start)))
         start = int(self.starts[segment])
         return quality.judge(
             self._evidence[segment], clip.start - start, clip.end - start, self.fps, self.settings.quality

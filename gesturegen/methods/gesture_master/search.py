@@ -53,14 +53,15 @@ def search(
             "variant": np.broadcast_to(settings.lambda_variant * used * upper, terms["kind"].shape),
         }
         choice, total = viterbi.search(
-            sum(data.values()), edges, own.zeta, settings.lambda_reuse, found.twins, own.lambda_4
+            np.asarray(sum(data.values())), edges, own.zeta, settings.lambda_reuse, found.twins, own.lambda_4
         )
         pieces = _pieces(choice, cuts, data, edges, own, found, config)
         tracks.append(pieces)
-        summed = {key: float(sum(piece.costs[key] for piece in pieces)) for key in pieces[0].costs}
+        costs = [piece.costs for piece in pieces if piece.costs is not None]
+        summed = {key: float(sum(one[key] for one in costs)) for key in costs[0]}
         objective[name] = summed | {"total": total}
     return Path(
-        _tracks(found, *tracks, config), objective=objective, notes=_notes(found, speech, cuts, tracks[0], config)
+        _tracks(found, tracks[0], tracks[1]), objective=objective, notes=_notes(found, speech, cuts, tracks[0], config)
     )
 
 
@@ -149,9 +150,7 @@ def _pieces(
     return tuple(pieces)
 
 
-def _tracks(
-    found: GestureDatabase, upper: tuple[Piece, ...], lower: tuple[Piece, ...], config: Config
-) -> tuple[Track, ...]:
+def _tracks(found: GestureDatabase, upper: tuple[Piece, ...], lower: tuple[Piece, ...]) -> tuple[Track, ...]:
     """Build the tracks, the upper body first, of which the trace tells; fingers of other clips get their own."""
     tracks = (Track(upper), Track(lower, tuple(map(str, found.lower_names))))
     shown = np.searchsorted(found.starts, [piece.nodes[0] for piece in upper])

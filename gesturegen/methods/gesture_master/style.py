@@ -143,7 +143,7 @@ def predict(regression: Regression, features: np.ndarray) -> np.ndarray:
     return np.clip(scaled, -_FARTHEST, _FARTHEST) @ regression.coefficients + regression.intercepts
 
 
-def fit(features: np.ndarray, styles: np.ndarray, groups: Sequence[int], settings: Style) -> Regression:
+def fit(features: np.ndarray, styles: np.ndarray, groups: np.ndarray, settings: Style) -> Regression:
     """Fit the ridge regression of style on prosody, cross-validated by recording.
 
     features : float [shape=(C, P)], NaN where undefined

@@ -96,7 +96,7 @@ def costs(ends: Borders, starts: Borders, lefts, rights, lambda_1: float, lambda
     if lefts.ndim != 1 or lefts.shape != rights.shape:
         raise ValueError(f"pairs of clips need two lists of one length, not {lefts.shape} and {rights.shape}")
     for clips, borders in ((lefts, ends), (rights, starts)):
-        if len(clips) and not (0 <= clips.min() and clips.max() < len(borders)):
+        if len(clips) and not (clips.min() >= 0 and clips.max() < len(borders)):
             raise ValueError(f"clips must lie in 0 to {len(borders) - 1}")
     return _kernels.costs(ends.side, starts.side, lefts, rights, float(lambda_1), float(lambda_2))
 

@@ -35,7 +35,7 @@ def search(
     before, then `reuse`, the transition and the data cost. Of equally cheap ways to a clip the one from the lowest
     clip is taken, and the lowest of equally cheap last clips.
     """
-    data = np.asarray(np.require(data, np.float64, "CA"))
+    data = np.asarray(np.require(data, np.float64, ["C", "A"]))
     if data.ndim != 2 or 0 in data.shape:
         raise ValueError(f"data costs need one segment and one clip or more, not the shape {data.shape}")
     if not np.isfinite(data).all() or not np.isfinite([missing, reuse, weight]).all():
@@ -68,7 +68,7 @@ def edge_cost(edges: InEdges, source: int, destination: int) -> float | None:
 
 def _checked(edges: InEdges, n_clips: int) -> InEdges:
     # Plain arrays of the same memory, mapped or not; only of the short one an aligned copy may be made.
-    indptr = np.asarray(np.require(edges.indptr, np.int64, "CA"))
+    indptr = np.asarray(np.require(edges.indptr, np.int64, ["C", "A"]))
     sources, costs = np.asarray(edges.sources, dtype=np.int32), np.asarray(edges.costs, dtype=np.float32)
     if indptr.shape != (n_clips + 1,) or sources.ndim != 1 or sources.shape != costs.shape:
         raise ValueError(f"edges of {n_clips} clips have other shapes: {indptr.shape}, {sources.shape}, {costs.shape}")

@@ -100,10 +100,13 @@ def work_for(joins: Joins, min_stay: int) -> Work:
     """Allocate the work arrays for a search with stays of `min_stay` frames at least."""
     n_nodes, n_gates, (n_blocks, n_halls) = len(joins.successors), len(joins.gates), joins.halls.shape
     words = np.zeros(-(-n_blocks // 8), dtype=np.int64)
+    sums, remains = np.empty((2, min_stay + 1, n_nodes))
+    prices, earned, free, entered = np.empty((4, n_nodes))
+    room = np.full(n_blocks * BLOCK, -np.inf, dtype=np.float32)
+    costs = np.full(n_blocks * BLOCK, np.inf, dtype=np.float32)
+    least, most = np.empty((2, n_blocks), dtype=np.float32)
     return Work(
-        *np.empty((2, min_stay + 1, n_nodes)), *np.empty((4, n_nodes)),
-        np.full(n_blocks * BLOCK, -np.inf, dtype=np.float32), np.full(n_blocks * BLOCK, np.inf, dtype=np.float32),
-        np.empty(n_blocks * BLOCK, dtype=np.int32), *np.empty((2, n_blocks), dtype=np.float32),
+        sums, remains, prices, earned, free, entered, room, costs, np.empty(n_blocks * BLOCK, dtype=np.int32), least, most,
         np.empty(n_halls, dtype=np.float32),
         np.zeros(MOST_TARGETS, dtype=np.int64), np.zeros(1, dtype=np.int64), np.zeros(MOST_TRIED, dtype=np.int64),
         np.zeros(n_gates, dtype=np.bool_), words.view(np.bool_), words,

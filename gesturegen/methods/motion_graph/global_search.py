@@ -258,8 +258,8 @@ def _matrix(
     ahead = graph.successors[gates]
     error = 0.0
     for points, weight in ((graph.poses, metric.lambda_pos), (graph.velocities, metric.lambda_vel)):
-        points = points - points.mean(axis=0)
-        to, froms = points[gates], points[ahead]
+        centred = points - points.mean(axis=0)
+        to, froms = centred[gates], centred[ahead]
         squares = (to**2).sum(axis=1), (froms**2).sum(axis=1)
         doubled = np.ascontiguousarray(-2.0 * froms.T)
         for rows in np.array_split(np.arange(len(gates)), max(1, len(gates) // 256)):

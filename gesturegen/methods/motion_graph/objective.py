@@ -101,6 +101,7 @@ def terms(nodes: np.ndarray, prices: PriceList) -> dict[str, np.ndarray]:
     rests = ~np.asarray(prices.speaking) & ~graph.speaking[nodes]
     costs["held"] = np.where(held, np.where(rests, settings.lambda_rest, settings.lambda_hold), 0.0)
     if prices.controlled is not None:
+        assert prices.controlled_held is not None, "both are given or none"
         costs["control"] = prices.controlled[prices.demanded, nodes]
         costs["control"] = costs["control"] + np.where(held, prices.controlled_held[prices.demanded, nodes], 0.0)
     costs["price"] = settings.join_price * join

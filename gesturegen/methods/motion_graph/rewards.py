@@ -10,7 +10,6 @@ the measures of BEAT), weighted by how far the speed fell.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,7 +68,7 @@ def find(graph: MotionGraph, speech: Speech, config: Config) -> tuple[Reward, ..
 
 
 def _keyword_rewards(graph: MotionGraph, speech: Speech, config: Config) -> list[Reward]:
-    spoken = keynodes.of_speech(speech, config.keywords.words)
+    spoken = keynodes.of_speech(speech, config.keywords.words or {})
     found = []
     for word in sorted(set(spoken.keywords.tolist()) - {""}):
         nodes = graph.key_nodes.frames[graph.key_nodes.keywords == word]
@@ -122,18 +121,18 @@ def _beats(graph: MotionGraph, config: Config) -> tuple[np.ndarray, np.ndarray] 
     return motion_beats(np.maximum(speeds["speed", "left"], speeds["speed", "right"]), graph.segment_starts, graph.fps)
 
 
-def motion_beats(speeds: np.ndarray, segment_starts: Sequence[int], fps: float) -> tuple[np.ndarray, np.ndarray]:
+def motion_beats(speeds: np.ndarray, segment_starts: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray]:
     """Find minima of the speed of the faster hand, and their weights: prominence over its mean, at most 2.
 
     speeds : `[shape=(N,)]`, cm/s; minima at the border of a segment do not count
     """
-    nodes, weights = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+    minima_of_parts, prominences = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
     for part in np.split(np.arange(len(speeds)), np.asarray(segment_starts)[1:]):
         smooth = gaussian_filter1d(speeds[part], SMOOTHING_SECONDS * fps)
         minima, found = find_peaks(-smooth, prominence=LEAST_PROMINENCE)
-        nodes.append(part[minima])
-        weights.append(found["prominences"])
-    nodes, weights = np.concatenate(nodes), np.concatenate(weights)
+        minima_of_parts.append(part[minima])
+        prominences.append(found["prominences"])
+    nodes, weights = np.concatenate(minima_of_parts), np.concatenate(prominences)
     return nodes, np.minimum(weights / weights.mean(), _MOST_WEIGHT) if len(weights) else weights
 
 

@@ -34,7 +34,7 @@ def search(
 def _notes(path: Path, graph: MotionGraph, speech: Speech, config: Config) -> tuple[str, ...]:
     """List what a user should know of a clip beyond its figures."""
     notes, pieces = [], path.tracks[0].pieces
-    wanted = keynodes.of_speech(speech, config.keywords.words).keywords
+    wanted = keynodes.of_speech(speech, config.keywords.words or {}).keywords
     lacking = ", ".join(sorted(set(wanted.tolist()) - set(graph.key_nodes.keywords.tolist())))
     if config.search == "global":
         if lacking and config.global_search.lambda_keyword > 0:
@@ -66,7 +66,7 @@ def _search(
         result = global_search.search(graph, speech, config, used, control)
         objective = {"first": result.first, "final": result.final}
         return Path((Track(result.pieces),), objective=objective, demands=demands)
-    key_nodes = keynodes.of_speech(speech, config.keywords.words)
+    key_nodes = keynodes.of_speech(speech, config.keywords.words or {})
     cuts = targets(key_nodes, speech.n_frames)
     wanted = speech_features(key_nodes, np.array([cut.start_frame for cut in cuts]), speech.n_frames, config.features)
     return _search_by_pieces(graph, cuts, wanted, config, rng, earlier)
@@ -100,8 +100,8 @@ def _search_by_pieces(
     pieces: list[Piece] = []
     candidates = graph_features(graph, config.features)
     occurrences = np.zeros(len(graph.key_nodes))
-    for piece in (piece for path in earlier for piece in path.tracks[0].pieces):
-        occurrences += np.isin(graph.key_nodes.frames, piece.nodes)
+    for shown in (shown for path in earlier for shown in path.tracks[0].pieces):
+        occurrences += np.isin(graph.key_nodes.frames, shown.nodes)
     for target, feature in zip(cuts, wanted, strict=True):
         distances = feature_distances(feature, candidates, occurrences, config.features)
         piece = _search_piece(graph, target, pieces[-1] if pieces else None, distances, config, rng)
@@ -119,7 +119,7 @@ def _search_piece(
     stop_nodes = StopNodes(graph, target.keyword, config.termination, rng)
     start_nodes = StartNodes(graph, distances, config, rng)
     last = int(previous.nodes[-1]) if previous else -1
-    children = graph.children(last) if previous else []
+    children = graph.children(last) if previous else np.zeros(0, dtype=np.int64)
     for retry in range(stop_nodes.last_retry + 1):
         stops = stop_nodes.for_attempt(retry)
         if retry == 0 and len(children):

@@ -40,7 +40,7 @@ class Scaling:
         """Compute the scaling of the rows of `features` `[shape=(n, D)]`, one or more."""
         if len(features) == 0:
             raise ValueError("no features to scale by")
-        means = np.mean(features, axis=0, dtype=np.float64)
+        means = np.asarray(np.mean(features, axis=0, dtype=np.float64))
         squares, largest = np.zeros_like(means), np.zeros_like(means)
         for start in range(0, len(features), _ROWS):
             rows = np.asarray(features[start : start + _ROWS], dtype=np.float64)

@@ -44,7 +44,8 @@ def _search(
     library: MatchingDatabase, speeches: Mapping[str, Speech], config: Config,
     rngs: Mapping[str, np.random.Generator], later: int,
 ) -> dict[str, Path | GesturegenError]:  # fmt: skip
-    step, results, asked = step_frames(config), {}, {}
+    step, asked = step_frames(config), {}
+    results: dict[str, Path | GesturegenError] = {}
     for name, speech in speeches.items():
         try:
             asked[name] = _Asked(library, speech, config, rngs[name], step)
@@ -77,7 +78,8 @@ class _Asked:
         sound = features.audio_features(speech.acoustics, self.starts / speech.fps, settings)
         self.audio = features.apply(library.audio_scaling, sound)
         self.first_pose = _first_pose(library, config, rng)
-        self.allowed = self.prices = None
+        self.allowed: list[np.ndarray | None] | None = None
+        self.prices: list[np.ndarray | None] | None = None
         self.demands: tuple[schedule.Demand, ...] = ()
         if config.control.conditions:
             values = hands.of_nodes(library, config.hands)
@@ -91,7 +93,8 @@ class _Asked:
         together they may well contradict each other.
         """
         met, far = schedule.satisfied(self.demands, values), schedule.violations(self.demands, values)
-        self.allowed, self.prices = [], []
+        allowed: list[np.ndarray | None] = []
+        prices: list[np.ndarray | None] = []
         for start in self.starts.tolist():
             end = min(start + self.step, self.speech.n_frames) - 1
             shares = {
@@ -99,12 +102,13 @@ class _Asked:
                 for k, demand in enumerate(self.demands)
                 if any(demand.start_frame <= frame < demand.end_frame for frame in (start, end))
             }
-            longest = {self.demands[k].key: k for k in sorted(shares, key=shares.get)}
+            longest = {self.demands[k].key: k for k in sorted(shares, key=shares.__getitem__)}
             active = sorted(longest.values())
             hard = [k for k in active if self.demands[k].hard]
             soft = [k for k in active if not self.demands[k].hard]
-            self.allowed.append(met[hard].all(axis=0) if hard else None)
-            self.prices.append(sum(self.demands[k].price * far[k] for k in soft) if soft else None)
+            allowed.append(np.asarray(met[hard].all(axis=0)) if hard else None)
+            prices.append(np.asarray(sum(self.demands[k].price * far[k] for k in soft)) if soft else None)
+        self.allowed, self.prices = allowed, prices
 
     def path(self, match: nearest.Found) -> Path | GesturegenError:
         if match.failed is not None:
@@ -130,6 +134,7 @@ def _first_pose(library: MatchingDatabase, config: Config, rng: np.random.Genera
         return np.zeros(library.pose.shape[1], dtype=np.float32)
     if settings.start == "random":
         return library.pose[rng.integers(library.n_nodes)]
+    assert settings.start_pose is not None  # the settings are refused without it
     clip, _, seconds = settings.start_pose.rpartition("@")
     if clip not in library.clip_names or not _is_number(seconds):
         raise DataError(

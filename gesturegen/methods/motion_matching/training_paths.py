@@ -17,6 +17,7 @@ def stand_in(library: MatchingDatabase, own: Reference, k: int, config: Config, 
     settings = config.motion_matching.model_copy(update={"k": k})
     step, n_frames = step_frames(config), own.motion.n_frames
     starts = np.arange(0, n_frames, step)
+    assert own.speech.acoustics is not None, "its features are in the database"
     sound = features.audio_features(own.speech.acoustics, own.source_frames[starts] / own.motion.fps, settings)
     audio = features.apply(library.audio_scaling, sound)
     others = _elsewhere(library, own, starts, config)
