@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -104,7 +105,7 @@ def demo_data(folder: Path, references: int, tests: int, seed: int, challenge: b
     )
 
 
-def _moved_to_doctor(_context, _parameter, asked: bool) -> None:
+def _moved_to_doctor(_context: click.Context, _parameter: click.Parameter, asked: bool) -> None:
     if asked:
         raise click.UsageError(
             "--suggest-blacklist is now `gesturegen doctor DATA --blacklist FILE`, which looks at more"
@@ -336,7 +337,9 @@ def compare(config: Plan, jobs: int, quiet: bool, out: Path | None) -> None:
     run_and_print(quiet, lambda pipeline: pipeline.compare(config, jobs, quiet, out), work_folder(config))
 
 
-def _read_compared(_context, parameter, values: tuple[str, ...]) -> list[tuple[str, Path]]:
+def _read_compared(
+    _context: click.Context, parameter: click.Parameter, values: tuple[str, ...]
+) -> list[tuple[str, Path]]:
     """Parse pairs of a label and a folder; raise a usage error for anything else."""
     pairs = []
     for value in values:
@@ -369,7 +372,7 @@ def report(config: Config, jobs: int, quiet: bool, compare: list[tuple[str, Path
     )
 
 
-def _read_size(_context, _parameter, value: str) -> tuple[int, int]:
+def _read_size(_context: click.Context, _parameter: click.Parameter, value: str) -> tuple[int, int]:
     width, sign, height = value.partition("x")
     if not (sign and width.isdecimal() and height.isdecimal()):
         raise click.BadParameter(f"{value!r} is not WIDTHxHEIGHT, such as 1280x720")
@@ -457,7 +460,7 @@ def export(
     )
 
 
-def _of_recordings(command):
+def _of_recordings(command: Callable[..., None]) -> Callable[..., None]:
     """Add the arguments of commands that write transcripts of recordings, whatever their dataset."""
 
     @click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="PATH...")
@@ -467,8 +470,8 @@ def _of_recordings(command):
     @wait_option
     @quiet_option
     @functools.wraps(command)
-    def with_options(**options):
-        return command(**options)
+    def with_options(**options: Any) -> None:
+        command(**options)
 
     return with_options
 

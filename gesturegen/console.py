@@ -11,8 +11,8 @@ import warnings
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from types import ModuleType, TracebackType
+from typing import TYPE_CHECKING, Any, Self
 
 import click
 
@@ -132,7 +132,10 @@ def common(command: Callable, load: Callable | None = None) -> Callable:
     @wait_option
     @quiet_option
     @functools.wraps(command)
-    def with_config(config_path, overrides, data, work, references, tests, **options):
+    def with_config(
+        config_path: Path | None, overrides: tuple[str, ...], data: Path | None, work: Path | None,
+        references: Path | None, tests: Path | None, **options: Any,
+    ) -> None:  # fmt: skip
         from gesturegen import remembered
 
         folders = {"paths.data": data, "paths.work": work, "data.references": references, "data.tests": tests}
@@ -149,7 +152,7 @@ def common(command: Callable, load: Callable | None = None) -> Callable:
         meta["work"] = work_folder(config)[0]
         if meta.get("remember"):
             meta["settings"] = config
-        return command(config=config, **options)
+        command(config=config, **options)
 
     return with_config
 
@@ -157,13 +160,14 @@ def common(command: Callable, load: Callable | None = None) -> Callable:
 class one_line_errors:
     """Context manager that turns expected errors into one line and exit code 1; bugs keep their traceback."""
 
-    def __enter__(self):
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind, error, _traceback):
+    def __exit__(
+        self, _kind: type[BaseException] | None, error: BaseException | None, _traceback: TracebackType | None
+    ) -> None:
         if isinstance(error, GesturegenError):
             raise click.ClickException(str(error)) from None
-        return False
 
 
 def run_and_print(

@@ -49,7 +49,7 @@ class ReferenceFrames:
     # Whether large arrays stay maps of the stored file.
     mapped = True
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for own in fields(self):
             if own.type == "np.ndarray":
                 object.__setattr__(self, own.name, read_only(getattr(self, own.name)))
@@ -101,7 +101,7 @@ class ReferenceFrames:
         stops[self.segment_ends] = True
         return read_only(stops)
 
-    def distances(self, lefts, rights, settings: Continuity) -> np.ndarray:
+    def distances(self, lefts: np.ndarray, rights: np.ndarray, settings: Continuity) -> np.ndarray:
         """Compute the pose distances `[shape=(K,)]` of pairs of nodes, reading only their frames."""
         lefts, rights = np.asarray(lefts, dtype=np.int64), np.asarray(rights, dtype=np.int64)
         nodes = np.concatenate([lefts, rights])

@@ -46,7 +46,7 @@ class Piece:
     fallback: str | None = None
     costs: Mapping[str, float] | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "nodes", read_only(self.nodes))
 
 

@@ -38,7 +38,9 @@ def velocities(poses: np.ndarray, segment_starts: np.ndarray) -> np.ndarray:
     return out
 
 
-def pose_distances(poses: np.ndarray, speeds: np.ndarray, lefts, rights, settings: Continuity) -> np.ndarray:
+def pose_distances(
+    poses: np.ndarray, speeds: np.ndarray, lefts: np.ndarray, rights: np.ndarray, settings: Continuity
+) -> np.ndarray:
     """Compute d(l, r) `[shape=(K,)]` of pairs of frames: lambda_pos ||p_l - p_r|| + lambda_vel ||v_l - v_r||."""
     lefts, rights = np.asarray(lefts, dtype=np.int64), np.asarray(rights, dtype=np.int64)
     return _kernels.distances(lefts, rights, poses, speeds, settings.lambda_pos, settings.lambda_vel)

@@ -53,11 +53,11 @@ def describe_clips(graph: ReferenceFrames) -> list[dict]:
     ]
 
 
-def new_figure():
+def new_figure() -> Any:
     # Figure itself, not pyplot: no window system is asked for and no state is kept.
     return need("matplotlib.figure", "video").Figure(figsize=(12, 6.2), dpi=110, layout="constrained")
 
 
-def save_figure(figure, title: str, file: BinaryIO) -> None:
+def save_figure(figure: Any, title: str, file: BinaryIO) -> None:
     figure.suptitle(title)
     figure.savefig(file, format="png", metadata={"Software": None})

@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, Generic, TypeVar
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from gesturegen.settings.models import Config
     from gesturegen.stored.arrays import Kind
 
+Library = TypeVar("Library", bound="ReferenceFrames")
 # Bytes of a worker with its libraries and compiled loops, and of each reference frame: the recording, the library, and
 # what building it or searching it needs beside them. Measured on demo references of 10 to 60 min, with a margin.
 WORKER_BYTES, BYTES_PER_FRAME = 350e6, 10_000
@@ -81,7 +82,7 @@ class Material:
     config: Config
 
 
-class Method(ABC):
+class Method(ABC, Generic[Library]):
     """A way to choose frames of references for speech; subclasses override what differs from the defaults here.
 
     name : as in the config and in what the method stores
@@ -144,7 +145,7 @@ class Method(ABC):
         """Extract one reference's part of a library; DataError when it is unfit."""
 
     @abstractmethod
-    def assemble(self, parts: Sequence[Any], config: Config) -> ReferenceFrames:
+    def assemble(self, parts: Sequence[Any], config: Config) -> Library:
         """Assemble a library from several parts; DataError when their skeletons differ."""
 
     @abstractmethod
@@ -152,7 +153,7 @@ class Method(ABC):
         """Return the format of the method's stored library."""
 
     @abstractmethod
-    def library_type(self) -> type[ReferenceFrames]:
+    def library_type(self) -> type[Library]:
         """Return the class of the method's library."""
 
     def prepare(
@@ -164,7 +165,7 @@ class Method(ABC):
         """
         return Prepared()
 
-    def build(self, job: Job, prepared: Any = None) -> ReferenceFrames:
+    def build(self, job: Job, prepared: Any = None) -> Library:
         """Build the library of a job; prepared : its parts, of `prepare`."""
         from gesturegen.data.stored_clips import load_references
 
@@ -181,17 +182,17 @@ class Method(ABC):
 
         return load_references(config, names)
 
-    def describe(self, library: ReferenceFrames, config: Config) -> Description:
+    def describe(self, library: Library, config: Config) -> Description:
         """Describe a library for the output of `build-graph`."""
         return Description([f"{library.n_nodes} nodes"])
 
-    def inspect(self, library: ReferenceFrames) -> Inspection:
+    def inspect(self, library: Library) -> Inspection:
         """Describe a library for the output of `inspect`."""
         from gesturegen.methods.inspection import inspect_frames
 
         return inspect_frames(library)
 
-    def piece_name(self, library: ReferenceFrames, nodes: Sequence[int]) -> str | None:
+    def piece_name(self, library: Library, nodes: Sequence[int]) -> str | None:
         """Return the name of what a piece shows as a whole, such as a gesture clip; None where it has none."""
         return None
 
@@ -203,13 +204,13 @@ class Method(ABC):
 
     @abstractmethod
     def search(
-        self, library: ReferenceFrames, speech: Speech, config: Config, rng: np.random.Generator,
+        self, library: Library, speech: Speech, config: Config, rng: np.random.Generator,
         earlier: Sequence[Path] = (),
     ) -> Path:  # fmt: skip
         """Find a path for a whole test speech; earlier : the paths of other variants, from which it should differ."""
 
     def search_all(
-        self, library: ReferenceFrames, speeches: Mapping[str, Speech], config: Config
+        self, library: Library, speeches: Mapping[str, Speech], config: Config
     ) -> dict[str, Path | GesturegenError]:
         """Find paths for many speeches, by name, or the error of one that has none; the same as one by one."""
         from gesturegen.errors import GesturegenError
@@ -224,12 +225,12 @@ class Method(ABC):
         return found
 
     def stand_in(
-        self, library: ReferenceFrames, reference: Reference, k: int, config: Config, rng: np.random.Generator
+        self, library: Library, reference: Reference, k: int, config: Config, rng: np.random.Generator
     ) -> Path:
         """Find the k-th best path for a reference's speech that shows something else; only of methods that can."""
         raise NotImplementedError(f"{self.name} shows no k-th best path")
 
-    def objective(self, library: ReferenceFrames, speech: Speech, nodes: np.ndarray, config: Config) -> float:
+    def objective(self, library: Library, speech: Speech, nodes: np.ndarray, config: Config) -> float:
         """Compute what a path costs by the objective of the optimal search; NaN where there is none.
 
         nodes : int [shape=(n_frames,)], shown in each frame of the speech

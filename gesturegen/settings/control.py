@@ -6,7 +6,7 @@ import itertools
 import math
 import re
 from collections.abc import Callable
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
@@ -43,7 +43,7 @@ class Condition(Section):
         raise PydanticCustomError("bound", "a finite number, or a quantile from `0%` to `100%` such as `85%`")
 
     @model_validator(mode="after")
-    def _can_be_met(self):
+    def _can_be_met(self) -> Self:
         if self.to is not None and self.to <= self.from_:
             raise ValueError("`to` must be later than `from`")
         if self.at_least is None and self.at_most is None:
@@ -52,13 +52,13 @@ class Condition(Section):
             raise ValueError("symmetry compares the hands and has none of its own; leave out `hand`")
         if self.hard and self.price is not None:
             raise ValueError("a hard condition has no price; leave it out, or set hard: false")
-        bounds = [self.at_least, self.at_most]
-        quantiles = [_quantile(bound) for bound in bounds]
-        if None not in quantiles:
-            bounds = quantiles
-        # A number and a quantile can be compared once the references are known.
-        if not any(bound is None or isinstance(bound, str) for bound in bounds) and bounds[0] > bounds[1]:
-            raise ValueError(f"at_least {bound_text(self.at_least)} is more than at_most {bound_text(self.at_most)}")
+        least, most = self.at_least, self.at_most
+        if least is not None and most is not None:
+            quantiles = _quantile(least), _quantile(most)
+            low, high = (least, most) if None in quantiles else quantiles
+            # A number and a quantile can be compared once the references are known.
+            if isinstance(low, (int, float)) and isinstance(high, (int, float)) and low > high:
+                raise ValueError(f"at_least {bound_text(least)} is more than at_most {bound_text(most)}")
         return self
 
 
@@ -114,7 +114,7 @@ class KeywordGesture(Section):
         return word
 
     @model_validator(mode="after")
-    def _one_place(self):
+    def _one_place(self) -> Self:
         if (self.word is None) == (self.at is None):
             raise ValueError("give one of word and at")
         return self

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
@@ -95,7 +95,7 @@ class Wrists(Section):
     order: Annotated[int, Field(ge=0)] = 3
 
     @model_validator(mode="after")
-    def _filter_exists(self):
+    def _filter_exists(self) -> Self:
         if self.window % 2 == 0 or self.order >= self.window:
             raise ValueError("window must be odd and larger than order")
         return self
@@ -107,7 +107,7 @@ class ExcludedRange(Section):
     to: Positive
 
     @model_validator(mode="after")
-    def _not_empty(self):
+    def _not_empty(self) -> Self:
         if self.to <= self.from_:
             raise ValueError("`to` must be later than `from`")
         return self
@@ -120,7 +120,7 @@ class References(Section):
     seconds: Positive | None = None
 
     @model_validator(mode="after")
-    def _list_given(self):
+    def _list_given(self) -> Self:
         if self.mode == "list" and self.list_file is None:
             raise ValueError(
                 "mode `list` needs the key `references.list`, a YAML file that pins references to test clips"
@@ -177,7 +177,7 @@ class Smoothing(Section):
     order: Annotated[int, Field(ge=0)] = 1
 
     @model_validator(mode="after")
-    def _filter_exists(self):
+    def _filter_exists(self) -> Self:
         if self.window % 2 == 0 or max(self.order, self.limb_order) >= self.window:
             raise ValueError("window must be odd and larger than order and limb_order")
         return self
@@ -284,13 +284,13 @@ class Config(MethodSections):
         return name
 
     @model_validator(mode="after")
-    def _measured(self):
+    def _measured(self) -> Self:
         if (lacking := METHODS[self.method].lacks(self)) is not None:
             raise PydanticCustomError("value_error", "{lacking}", {"lacking": lacking, "key": "method"})
         return self
 
     @model_validator(mode="after")
-    def _can_be_controlled(self):
+    def _can_be_controlled(self) -> Self:
         if self.control.conditions and not self.controls:
             raise PydanticCustomError("value_error", no_control(), {"key": "control"})
         return self

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
@@ -52,7 +52,7 @@ class Prosody(Section):
     pitch_max: Positive = 500.0
 
     @model_validator(mode="after")
-    def _a_range(self):
+    def _a_range(self) -> Self:
         if not 1.2 * self.pitch_min <= self.pitch_max < self.sample_rate / 2:
             raise ValueError("pitch_max must be at least 1.2 times pitch_min, and below half the sample_rate")
         return self
@@ -65,7 +65,7 @@ class Acoustics(Section):
     coefficients: Count = 13
 
     @model_validator(mode="after")
-    def _whole_hops(self):
+    def _whole_hops(self) -> Self:
         if self.sample_rate % self.rate:
             raise ValueError("sample_rate must be a multiple of rate, so that there are so many values a second")
         return self
@@ -87,7 +87,7 @@ class Cutting(Section):
     max_seconds: Positive = 10.0
 
     @model_validator(mode="after")
-    def _can_be_cut(self):
+    def _can_be_cut(self) -> Self:
         if self.max_seconds < 2 * self.min_seconds:
             raise ValueError("max_seconds must be at least twice min_seconds, or a long clip cannot be cut in two")
         return self
@@ -109,7 +109,7 @@ class Rhythm(Section):
     corrections: tuple[Correction, ...] | None = None
 
     @model_validator(mode="after")
-    def _as_many_bits(self):
+    def _as_many_bits(self) -> Self:
         for correction in self.corrections or ():
             if len(correction.bits) != self.bits:
                 raise ValueError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from functools import partial
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -309,7 +309,7 @@ def plot_database(database: GestureDatabase, title: str, file: BinaryIO) -> None
     save_figure(figure, title, file)
 
 
-def _draw_thresholds(axes, database: GestureDatabase) -> None:
+def _draw_thresholds(axes: Any, database: GestureDatabase) -> None:
     """Draw the number of clips and, on a second axis, their mean length."""
     numbers, means = database.thresholds.T
     axes.plot(cutting.THRESHOLDS, numbers, ".-", color=BLUE)

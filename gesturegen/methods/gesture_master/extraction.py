@@ -74,7 +74,7 @@ class Gestures:
     thresholds: np.ndarray
     notes: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for field in fields(self):
             object.__setattr__(self, field.name, read_only(getattr(self, field.name)))
 

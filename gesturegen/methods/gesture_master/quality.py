@@ -52,7 +52,7 @@ class Evidence:
     jitter: np.ndarray
     still: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("turns", "speeds", "jitter", "still"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -31,7 +31,7 @@ class StyleTarget(Section):
     height: float | None = None
 
     @model_validator(mode="after")
-    def _not_empty(self):
+    def _not_empty(self) -> Self:
         if self.to <= self.from_:
             raise ValueError("`to` must be later than `from`")
         return self
@@ -45,7 +45,7 @@ class Style(Section):
     targets: tuple[StyleTarget, ...] | None = None
 
     @model_validator(mode="after")
-    def _targets_given(self):
+    def _targets_given(self) -> Self:
         if self.source == "targets" and self.targets_file is None and self.targets is None:
             raise ValueError(
                 "source `targets` needs the key `targets_file`, a CSV file: clip,from,to,speed,radius,height"
@@ -65,7 +65,7 @@ class UpperBody(Section):
     zeta: NotNegative = 10000.0
 
     @model_validator(mode="after")
-    def _one_threshold(self):
+    def _one_threshold(self) -> Self:
         if (self.delta_t is None) == (self.delta_quantile is None):
             raise ValueError("give one of delta_t and delta_quantile, and null for the other")
         return self

@@ -129,7 +129,7 @@ class Regression:
     r2: np.ndarray
     n_clips: int
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("feature_means", "feature_scales", "coefficients", "intercepts", "r2"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
         # A number read from an .npz file is an array.

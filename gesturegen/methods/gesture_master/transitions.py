@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gesturegen.methods.gesture_master import _kernels
 
@@ -33,7 +34,7 @@ class Borders:
     positions: np.ndarray
     rotations: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         points, turns = np.shape(self.positions), np.shape(self.rotations)
         if len(points) != 4 or len(turns) != 4 or points[3] != 3 or turns[3] != 4 or points[:2] != turns[:2]:
             raise ValueError(f"borders need [C, F, J, 3] positions and [C, F, K, 4] rotations, not {points}, {turns}")
@@ -86,7 +87,9 @@ def _matrices(quaternions: np.ndarray) -> np.ndarray:
     return np.stack(rows, axis=-1)
 
 
-def costs(ends: Borders, starts: Borders, lefts, rights, lambda_1: float, lambda_2: float) -> np.ndarray:
+def costs(
+    ends: Borders, starts: Borders, lefts: ArrayLike, rights: ArrayLike, lambda_1: float, lambda_2: float
+) -> np.ndarray:
     """Compute T(p, q) `[shape=(N,)]` of pairs of clips p = `lefts`, q = `rights` `[shape=(N,)]`.
 
     Equal borders cost exactly 0; small angles keep their relative precision.

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from functools import partial
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -202,7 +202,7 @@ def plot_graph(graph: MotionGraph, title: str, file: BinaryIO) -> None:
     save_figure(figure, title, file)
 
 
-def _draw_density(figure, axes, rows: np.ndarray, columns: np.ndarray, seconds: float) -> None:
+def _draw_density(figure: Any, axes: Any, rows: np.ndarray, columns: np.ndarray, seconds: float) -> None:
     """Draw edges as counts in small squares, where they are so many that dots would hide each other."""
     edges = np.linspace(0.0, seconds, 301)
     counts, _, _ = np.histogram2d(rows, columns, bins=(edges, edges))

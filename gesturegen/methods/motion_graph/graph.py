@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -42,7 +43,7 @@ class MotionGraph(ReferenceFrames):
 
     mapped = False
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         if (
             len(self.indptr) != self.n_nodes + 1
@@ -117,7 +118,7 @@ def phrase_nodes(reference: Reference, settings: Phrases) -> np.ndarray:
 
 def from_positions(
     positions: np.ndarray, segment_starts: np.ndarray, settings: Continuity, block_pairs: int | None = None,
-    phrase_ends: np.ndarray | None = None, **described,
+    phrase_ends: np.ndarray | None = None, **described: Any,
 ) -> MotionGraph:  # fmt: skip
     """Build the graph of stored float32 `positions` `[shape=(N, J, 3)]`, which alone define its edges."""
     nodes = len(positions)

@@ -114,7 +114,12 @@ def _search_by_pieces(
 
 
 def _search_piece(
-    graph: MotionGraph, target: Target, previous: Piece | None, distances: np.ndarray, config: Config, rng
+    graph: MotionGraph,
+    target: Target,
+    previous: Piece | None,
+    distances: np.ndarray,
+    config: Config,
+    rng: np.random.Generator,
 ) -> Piece | None:
     stop_nodes = StopNodes(graph, target.keyword, config.termination, rng)
     start_nodes = StartNodes(graph, distances, config, rng)

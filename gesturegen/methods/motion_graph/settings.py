@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -45,7 +45,7 @@ class Features(Section):
     align: Literal["following", "as_printed"] = "following"
 
     @model_validator(mode="after")
-    def _one_weight_each(self):
+    def _one_weight_each(self) -> Self:
         if len(self.w_full) != self.l_feat:
             raise ValueError(
                 f"w_full has {len(self.w_full)} weights for l_feat {self.l_feat}; give one weight per element"

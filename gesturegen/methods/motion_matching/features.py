@@ -29,7 +29,7 @@ class Scaling:
     means: np.ndarray
     scales: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("means", "scales"):
             object.__setattr__(self, name, read_only(np.asarray(getattr(self, name), dtype=np.float64)))
         if self.means.ndim != 1 or self.means.shape != self.scales.shape:

@@ -45,7 +45,7 @@ class Candidates:
     stops: np.ndarray
     valid: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         types = {"starts": np.int64, "stops": np.int64, "valid": np.bool_}
         for field in fields(self):
             array = np.require(getattr(self, field.name), types.get(field.name, np.float32), "C")
@@ -297,9 +297,13 @@ def _kth(costs: np.ndarray, pose_ranks: np.ndarray, k: int) -> int:
     return near[np.lexsort((pose_ranks[near], costs[near]))[place]]
 
 
-def _of_step(given, clip: int, step: int, candidates: Candidates, kind: type) -> np.ndarray | None:
+def _of_step(
+    given: Sequence[Sequence[np.ndarray | None] | np.ndarray | None] | None, clip: int, step: int,
+    candidates: Candidates, kind: type,
+) -> np.ndarray | None:  # fmt: skip
     """Return the mask or the prices of one step of a clip, `[shape=(N,)]`; None for none."""
-    values = None if given is None or given[clip] is None else given[clip][step]
+    of_clip = None if given is None else given[clip]
+    values = None if of_clip is None else of_clip[step]
     if values is None:
         return None
     values = np.asarray(values)
