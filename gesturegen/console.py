@@ -62,6 +62,7 @@ class Program(click.Group):
         supervision.supervise(lambda: self.main(*args, **options))
 
     def main(self, *args: Any, **options: Any) -> Any:
+        """Run the command line; standard output that cannot be written is an error of one line."""
         try:
             return super().main(*args, **options)
         except OSError as error:
@@ -79,6 +80,7 @@ def _say_last(line: str) -> None:
 
 
 def jobs_option(command: Callable) -> Callable:
+    """Add the option `--jobs`."""
     return click.option(
         "-j", "--jobs", type=click.IntRange(min=1), default=default_jobs, show_default="all processors",
         help="Worker processes; the results are the same for any number.",
@@ -86,6 +88,7 @@ def jobs_option(command: Callable) -> Callable:
 
 
 def quiet_option(command: Callable) -> Callable:
+    """Add the option `--quiet`."""
     return click.option("--quiet", is_flag=True, help="Print errors only.")(command)
 
 

@@ -101,6 +101,7 @@ def write_text(path: str | Path, text: str) -> str:
 
 
 def write_json(path: str | Path, value: Any) -> None:
+    """Write a value as indented JSON, all or nothing."""
     write_text(path, json.dumps(value, indent=1, ensure_ascii=False) + "\n")
 
 

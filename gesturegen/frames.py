@@ -56,6 +56,7 @@ class ReferenceFrames:
 
     @property
     def n_nodes(self) -> int:
+        """Count the nodes."""
         return len(self.positions)
 
     @property

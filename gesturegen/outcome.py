@@ -19,4 +19,5 @@ class Outcome:
 
     @property
     def failed(self) -> int:
+        """Count the clips that failed."""
         return len(self.errors) + len(self.bugs)

@@ -27,6 +27,7 @@ class Target:
 
     @property
     def length(self) -> int:
+        """Count the frames of the stretch."""
         return self.end_frame - self.start_frame
 
 

@@ -46,6 +46,7 @@ class _Table:
         self.rows: list[tuple[int, dict[str, str]]] = []
 
     def add(self, line: int, texts: list[str]) -> None:
+        """Add a row, the first of which is the header; raise the error of a malformed one."""
         if texts in ([], [""]):
             return
         where = f"{self.path}:{line}"

@@ -132,6 +132,7 @@ def describe_death(code: int) -> str:
 
 
 def signal_name(number: int) -> str:
+    """Return the name of a signal, such as `SIGTERM`."""
     try:
         return signal.Signals(number).name
     except ValueError:

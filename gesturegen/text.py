@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 
 def count(number: int, noun: str) -> str:
+    """Format a number with its noun, in the plural where it is not 1."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 

@@ -35,16 +35,20 @@ class Locator(caching._CacheLocator):
         """Do nothing: the store makes its folders when it first writes, and gets by without."""
 
     def get_cache_path(self) -> str:
+        """Return the mark of our store in place of a folder."""
         return _OURS
 
     def get_source_stamp(self) -> str:
+        """Return the digest of the source that the code was made from."""
         return self._stamp
 
     def get_disambiguator(self) -> str:
+        """Return the line of the function, which tells functions of one name apart."""
         return str(self._line)
 
     @classmethod
     def from_function(cls, function: Callable, path: str) -> Locator | None:
+        """Create the locator of a function; None for one of another package."""
         if (function.__module__ or "").partition(".")[0] not in _PACKAGES:
             return None
         try:
@@ -63,9 +67,11 @@ class Entries:
     def save(self, key: Any, data: Any) -> None:
         # What was compiled stands first in a pickle of its own, so that it is compared before the code is unpickled.
         # The name is part of it: two functions of one file may have the same bytecode and differ in what they call.
+        """Store the compiled code of one signature."""
         store.keep(self._entry(key), dumps((self._name, self._stamp, key)) + dumps(data))
 
     def load(self, key: Any) -> Any:
+        """Load the compiled code of one signature; None where there is none."""
         entry = self._entry(key)
         for stored in store.read(entry):
             if pickle.load(stored) == (self._name, self._stamp, key):

@@ -58,6 +58,7 @@ def read(name: str) -> Iterator[BinaryIO]:
 
 
 def is_sound(name: str) -> bool:
+    """Tell whether there is a sound copy of an entry."""
     return any(_payload(folder, name) is not None for folder in folders())
 
 

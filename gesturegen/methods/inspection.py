@@ -41,6 +41,7 @@ def inspect_frames(
 
 
 def describe_clips(graph: ReferenceFrames) -> list[dict]:
+    """Describe each reference clip of a library: name, first node, frames and seconds."""
     ends = np.append(graph.clip_starts[1:], graph.n_nodes)
     return [
         {
@@ -54,10 +55,12 @@ def describe_clips(graph: ReferenceFrames) -> list[dict]:
 
 
 def new_figure() -> Any:
+    """Create an empty matplotlib figure."""
     # Figure itself, not pyplot: no window system is asked for and no state is kept.
     return need("matplotlib.figure", "video").Figure(figsize=(12, 6.2), dpi=110, layout="constrained")
 
 
 def save_figure(figure: Any, title: str, file: BinaryIO) -> None:
+    """Write a figure with a title as PNG, with the same bytes each time."""
     figure.suptitle(title)
     figure.savefig(file, format="png", metadata={"Software": None})

@@ -17,4 +17,6 @@ MOST_MISTAKES = 20
 
 
 class Section(BaseModel):
+    """Base of all sections: frozen, and strict about types and unknown keys."""
+
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)

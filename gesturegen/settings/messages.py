@@ -19,6 +19,7 @@ from gesturegen.settings.base import MOST_MISTAKES, Section
 def validated(
     model: type[Section], values: dict, origin: str, lines: dict[tuple, int], set_keys: Collection[tuple] = ()
 ) -> Any:
+    """Validate values as a model; ConfigError with one line a mistake, with the line in the file or `--set`."""
     try:
         return model.model_validate_json(json.dumps(values, default=str))
     except ValidationError as error:
@@ -86,6 +87,7 @@ def allowed_text(message: str) -> str:
 
 
 def brief(found: Any) -> str:
+    """Format a value that was found for a message, cut when it is long."""
     text = inputs.shown(json.dumps(found, ensure_ascii=False))
     return text if len(text) <= 80 else text[:77] + "..."
 

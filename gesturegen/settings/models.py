@@ -34,11 +34,15 @@ UNITS = {"cm": 1.0, "m": 100.0, "mm": 0.1, "inch": 2.54}
 
 
 class Paths(Section):
+    """Section `paths`: the folder of the dataset, and the folder that everything is written to."""
+
     data: str = "data"
     work: str = "work"
 
 
 class Data(Section):
+    """Section `data`: the splits of the dataset, or folders of recordings in place of them."""
+
     reference_split: str = "trn"
     test_split: str = "tst"
     truth_split: str | None = None
@@ -47,6 +51,8 @@ class Data(Section):
 
 
 class MotionFiles(Section):
+    """Section `motion`: unit and vertical axis of BVH files, and how much one performer's skeletons may differ."""
+
     unit: float | str = "auto"
     up_axis: Literal["auto", "y", "z"] = "auto"
     same_skeleton: Annotated[float, Field(ge=0, lt=0.1)] = 0.01
@@ -88,6 +94,8 @@ class SkeletonRoles(Section):
 
 
 class Wrists(Section):
+    """Section `wrists`: the lock and the filter of wrist rotations against poor hand tracking (§3)."""
+
     enabled: bool = True
     joints: tuple[str, ...] = ("b_l_wrist", "b_r_wrist", "b_l_wrist_twist", "b_r_wrist_twist")
     axes: Literal["XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"] = "XYZ"
@@ -102,6 +110,8 @@ class Wrists(Section):
 
 
 class ExcludedRange(Section):
+    """A time range in seconds of a recording that is left out."""
+
     clip: str
     from_: Annotated[float, Field(ge=0, alias="from")]
     to: Positive
@@ -114,6 +124,8 @@ class ExcludedRange(Section):
 
 
 class References(Section):
+    """Section `references`: which reference clips serve which test clip, and how much of them."""
+
     mode: Literal["per_test_clip", "k", "speaker", "all", "list"] = "per_test_clip"
     k: Count = 1
     list_file: Annotated[str | None, Field(alias="list")] = None
@@ -129,16 +141,22 @@ class References(Section):
 
 
 class Breaks(Section):
+    """Section `breaks`: the joint speed that marks a tracking jump, at which a segment ends."""
+
     max_joint_speed: Positive | None = None
 
 
 class Positions(Section):
+    """Section `positions`: the space in which poses are compared, and its scale."""
+
     relative_to: Literal["root", "root_heading", "world"] = "root"
     root_joint: str = "b_root"
     scale: Positive = 1.0
 
 
 class Continuity(Section):
+    """Section `continuity`: the parameters of continuity analysis and pruning (§4.1.2)."""
+
     lambda_pos: NotNegative = 1.0
     lambda_vel: NotNegative = 1.0
     l_cn: Count = 5
@@ -146,6 +164,8 @@ class Continuity(Section):
 
 
 class Refiner(Section):
+    """Section `refiner`: the training of the network that refines k-NN motion matching, and its file."""
+
     checkpoint: str | None = None
     w_reconstruction: NotNegative = 0.1
     w_adversarial: NotNegative = 1.0
@@ -162,6 +182,8 @@ class Refiner(Section):
 
 
 class Blend(Section):
+    """Section `blend`: how motion is blended at joins."""
+
     method: Literal["crossfade", "inertialize", "least_change", "least_jerk", "overlap"] = "crossfade"
     l_blend: Annotated[int, Field(ge=0)] = 8
     curve: Literal["linear", "sigmoid", "smoothstep"] = "linear"
@@ -171,6 +193,8 @@ class Blend(Section):
 
 
 class Smoothing(Section):
+    """Section `smoothing`: the Savitzky-Golay filter over the finished motion."""
+
     enabled: bool = False
     window: Annotated[int, Field(ge=3)] = 7
     limb_order: Annotated[int, Field(ge=0)] = 2
@@ -184,11 +208,15 @@ class Smoothing(Section):
 
 
 class Root(Section):
+    """Section `root`: what becomes of the place of the body at joins."""
+
     mode: Literal["return", "absolute"] = "return"
     return_half_life: Positive = 3.0
 
 
 class Feet(Section):
+    """Section `feet`: whether and how feet are held in place while they stand."""
+
     lock: bool = False
     joints: tuple[str, ...] = ("b_l_foot", "b_r_foot")
     release_half_life: Positive = 0.3
@@ -198,6 +226,8 @@ class Feet(Section):
 
 
 class Evaluation(Section):
+    """Section `evaluation`: the parameters of the measures."""
+
     bc_sigma: Positive = 0.1
     div_min_angle: Annotated[float, Field(gt=0, lt=180)] = 45.0
     div_speed_floor: NotNegative = 0.1

@@ -11,6 +11,8 @@ from gesturegen.settings.base import Count, NotNegative, Positive, Section, Shar
 
 
 class Audio(Section):
+    """Section `audio`: which channel of a sound file is the speech."""
+
     channel: int | str = "mix"
 
     @field_validator("channel", mode="before")
@@ -23,12 +25,16 @@ class Audio(Section):
 
 
 class Voice(Section):
+    """Section `voice`: the detection of voice activity."""
+
     threshold: Annotated[float, Field(gt=0, lt=1)] = 0.5
     smoothing_seconds: NotNegative = 0.1
     loud_db: NotNegative = 12.0
 
 
 class Onsets(Section):
+    """Section `onsets`: the detection of onsets, without the pops at the edges of censored names."""
+
     min_strength: NotNegative = 5.0
     per_second: Positive | None = None
     sample_rate: Count = 22050
@@ -40,11 +46,15 @@ class Onsets(Section):
 
 
 class Keywords(Section):
+    """Section `keywords`: the keyword of each word, given directly or read from a file."""
+
     file: str | None = None
     words: dict[str, str] | None = None
 
 
 class Prosody(Section):
+    """Section `prosody`: the measurement of energy and pitch."""
+
     enabled: bool = False
     sample_rate: Annotated[int, Field(ge=4000)] = 8000
     hop_length: Count = 320
@@ -59,6 +69,8 @@ class Prosody(Section):
 
 
 class Acoustics(Section):
+    """Section `acoustics`: the measurement of cepstral coefficients for motion matching."""
+
     enabled: bool = False
     sample_rate: Count = 22050
     rate: Count = 15
@@ -72,15 +84,21 @@ class Acoustics(Section):
 
 
 class Pauses(Section):
+    """Section `pauses`: the least length of a pause, and when the sound of the voice tells it."""
+
     min_seconds: NotNegative = 0.5
     voice: Literal["without_words", "always"] = "without_words"
 
 
 class Phrases(Section):
+    """Section `phrases`: the gap between words that ends a phrase."""
+
     min_gap_seconds: NotNegative = 0.2
 
 
 class Cutting(Section):
+    """The rule that cuts speech into clips, in seconds."""
+
     gap_seconds: NotNegative = 0.4
     rest_seconds: Positive = 1.0
     min_seconds: Positive = 1.0
@@ -102,6 +120,8 @@ class Correction(Section):
 
 
 class Rhythm(Section):
+    """The rhythm signature of a clip, and corrections of it."""
+
     bits: Annotated[int, Field(ge=2)] = 32
     words: Literal["start", "span"] = "start"
     smoothing_seconds: NotNegative = 0.1

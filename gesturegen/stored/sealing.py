@@ -118,6 +118,7 @@ def read_png(path: str | Path, command: str) -> bytes:
 
 
 def damaged(path: str | Path, reason: str, command: str) -> DamagedError:
+    """Create the error about a damaged file, which names the command that makes it again."""
     return DamagedError(f"{path}: damaged ({reason}); run `gesturegen {command}` again")
 
 

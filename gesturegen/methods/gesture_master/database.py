@@ -101,6 +101,7 @@ class GestureDatabase(ReferenceFrames):
 
     @property
     def regression(self) -> style.Regression:
+        """Return the regression of style on prosody that is stored in the database."""
         return style.Regression(
             self.feature_means, self.feature_scales, self.coefficients, self.intercepts, self.r2, int(self.n_fitted)
         )

@@ -79,6 +79,7 @@ class Gestures:
             object.__setattr__(self, field.name, read_only(getattr(self, field.name)))
 
     def arrays(self) -> dict[str, np.ndarray]:
+        """Return all fields by name, as they are stored."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
@@ -297,6 +298,7 @@ class _Body:
         }
 
     def styles(self, starts: np.ndarray, stops: np.ndarray) -> np.ndarray:
+        """Compute the style signatures of clips, float `[shape=(G, 3)]`."""
         rows = [
             style.signature(self.hands[start:stop], self.right, self.fps)
             for start, stop in zip(starts, stops, strict=True)
@@ -304,6 +306,7 @@ class _Body:
         return np.array(rows).reshape(-1, len(style.VALUES))
 
     def poses(self, starts: np.ndarray, stops: np.ndarray) -> np.ndarray:
+        """Sample the poses of clips by which fingers of others are found, float32 `[shape=(G, D)]`."""
         upper = self.positions["upper"]
         rows = [fingers.describe_poses(upper[start:stop]) for start, stop in zip(starts, stops, strict=True)]
         width = fingers.describe_poses(upper[:1]).size  # also where there is no clip

@@ -11,6 +11,8 @@ from gesturegen.settings.speech import Cutting, Rhythm
 
 
 class Quality(Section):
+    """Limits above which a gesture clip is left out, and names or patterns that overrule them."""
+
     enabled: bool = True
     max_turn: Positive = 1350.0
     max_speed: Positive = 900.0
@@ -38,6 +40,8 @@ class StyleTarget(Section):
 
 
 class Style(Section):
+    """The source of wanted styles, and the parameters of the regression that predicts them."""
+
     source: Literal["predict", "targets", "none"] = "predict"
     ridge: Positive = 10.0
     folds: Annotated[int, Field(ge=2)] = 5
@@ -54,6 +58,8 @@ class Style(Section):
 
 
 class UpperBody(Section):
+    """Weights of the transition and data terms of the upper body, and the threshold delta_T of its edges."""
+
     lambda_1: NotNegative = 0.7
     lambda_2: NotNegative = 0.3
     delta_t: Positive | None = 8.0
@@ -72,6 +78,8 @@ class UpperBody(Section):
 
 
 class LowerBody(UpperBody):
+    """The same weights for the lower body, which ignores style and rhythm by default."""
+
     lambda_3: NotNegative = 0.0
     lambda_4: Positive = 1.0
     lambda_5: NotNegative = 0.0
@@ -79,6 +87,8 @@ class LowerBody(UpperBody):
 
 
 class TimeScale(Section):
+    """Limits within which gesture clips are scaled in time, and the prices of scaling."""
+
     min: Annotated[float, Field(gt=0, le=1)] = 0.8
     max: Annotated[float, Field(ge=1)] = 1.25
     rest_min: Annotated[float, Field(gt=0, le=1)] = 0.5
@@ -88,6 +98,8 @@ class TimeScale(Section):
 
 
 class GestureMaster(Section):
+    """Section `gesture_master`: all settings of GestureMaster."""
+
     cutting: Cutting = Cutting()
     quality: Quality = Quality()
     mirror: bool = True

@@ -105,6 +105,7 @@ def _quantiles(values: np.ndarray) -> list[float] | None:
 
 
 def describe_node(graph: MotionGraph, node: int) -> dict:
+    """Name the clip and the recorded frame of a node."""
     clip = int(np.searchsorted(graph.clip_starts, node, side="right") - 1)
     return {"clip": graph.clip_names[clip], "source_frame": int(graph.source_frames[node])}
 

@@ -24,6 +24,7 @@ class StopNodes:
 
     @property
     def last_retry(self) -> int:
+        """Return the number of the last retry."""
         return self.settings.max_retries if self.settings.fallbacks else self.settings.failure_retries
 
     def for_attempt(self, retry: int) -> np.ndarray:

@@ -67,6 +67,7 @@ class MotionGraph(ReferenceFrames):
         return pose_distance.velocities(self.poses, self.segment_starts)
 
     def children(self, node: int) -> np.ndarray:
+        """Return the nodes that edges lead to from a node, ascending."""
         return self.indices[self.indptr[node] : self.indptr[node + 1]]
 
 

@@ -56,10 +56,12 @@ class MatchingDatabase(ReferenceFrames):
 
     @cached_property
     def candidates(self) -> Candidates:
+        """Return the arrays that the search reads."""
         return Candidates(self.pose, self.audio, self.sequence_starts, self.sequence_stops, self.valid)
 
     @property
     def audio_scaling(self) -> Scaling:
+        """Return the scaling of the audio features."""
         return Scaling(self.audio_means, self.audio_scales)
 
 

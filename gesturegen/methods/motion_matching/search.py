@@ -111,6 +111,7 @@ class _Asked:
         self.allowed, self.prices = allowed, prices
 
     def path(self, match: nearest.Found) -> Path | GesturegenError:
+        """Convert what the search found to a path, or to the error of a clip for which it found too little."""
         if match.failed is not None:
             seconds = self.starts[match.failed] / self.speech.fps
             return DataError(

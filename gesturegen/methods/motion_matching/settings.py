@@ -10,6 +10,8 @@ from gesturegen.settings.base import Count, NotNegative, Positive, Section
 
 
 class MotionMatching(Section):
+    """Section `motion_matching`: features and search of k-NN motion matching."""
+
     sequence_seconds: Positive = 64 / 15
     step_seconds: Positive = 8 / 15
     audio_values: Count = 8
