@@ -65,9 +65,9 @@ class Entries:
         self._stamp = stamp
 
     def save(self, key: Any, data: Any) -> None:
+        """Store the compiled code of one signature."""
         # What was compiled stands first in a pickle of its own, so that it is compared before the code is unpickled.
         # The name is part of it: two functions of one file may have the same bytecode and differ in what they call.
-        """Store the compiled code of one signature."""
         store.keep(self._entry(key), dumps((self._name, self._stamp, key)) + dumps(data))
 
     def load(self, key: Any) -> Any:
