@@ -68,9 +68,10 @@ challenge-demo: install  ## the same on a synthetic dataset of the challenge's s
 	test -f challenge/data/tst/metadata.csv || $(GESTUREGEN) demo-data challenge/data --references 70 --tests 70 --challenge $(FLAGS)
 	$(call FULL_CHALLENGE,--data challenge/data --work challenge/work --set data.truth_split=truth)
 
-lint: install  ## style and unused names
+lint: install  ## style, unused names and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/python -m mypy
 
 bench: install  ## time and memory of each stage, beside the obvious implementation
 	PYTHONPATH=. $(BIN)/python scripts/bench.py

@@ -244,8 +244,8 @@ def _double_pyramids(rest: Motion, pelvis: str = "") -> tuple[np.ndarray, np.nda
 
 def _npz(motion: Motion, _name: str, _pelvis: str) -> bytes:
     """Encode a motion as an uncompressed `.npz`."""
-    content = io.BytesIO()
-    np.savez(content, **to_arrays(motion))
+    content, named = io.BytesIO(), dict[str, Any](to_arrays(motion))
+    np.savez(content, **named)
     return content.getvalue()
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from gesturegen.joints import roles_of, settings_for
 from gesturegen.methods import METHODS
@@ -12,12 +13,13 @@ from gesturegen.motion import axes, bvh, roles, space
 from gesturegen.settings.models import Config
 
 
-def _value(key: str, config: Config):
+def _value(key: str, config: Config) -> Any:
+    """Look up a setting by its section and name."""
     section, _, name = key.partition(".")
     return getattr(getattr(config, section), name)
 
 
-_SETTINGS = (
+_SETTINGS: tuple[tuple[str, Callable[[Config], Any]], ...] = (
     ("joints", lambda config: config.joints), ("wrists.joints", lambda config: config.wrists.joints),
     ("wrists.axes", lambda config: [config.wrists.axes]), ("feet.joints", lambda config: config.feet.joints),
     ("control.left, control.right", lambda config: [config.control.left, config.control.right]),

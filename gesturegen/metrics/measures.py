@@ -25,8 +25,9 @@ class Measure:
         """Form the total of the figures of several clips; NaN where no clip has one."""
         found = np.array(values, dtype=np.float64)
         found = found[np.isfinite(found)]
-        how = {"mean": np.mean, "sum": np.sum, "maximum": np.max}[self.total]
-        return float(how(found)) if len(found) else float("nan")
+        if not len(found):
+            return float("nan")
+        return float(found.sum() if self.total == "sum" else found.max() if self.total == "maximum" else found.mean())
 
 
 VIEWER_BLOCK, DETECTION_BLOCK = "what a viewer complains of", "joins found by a classifier"

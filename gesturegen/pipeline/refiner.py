@@ -131,7 +131,7 @@ def train_refiner(config: Config, jobs: int, quiet: bool) -> Summary:
         warnings.append(("margin", str(error)))
     files.write_json(path.with_suffix(".json"), {"windows": len(pairs.audio), **_figures(history), "margin": margin})
     return Summary(
-        Outcome(done={name: None for name in names}),
+        Outcome(done=dict.fromkeys(names)),
         warnings,
         lines=_describe(history, pairs, margin, time.monotonic() - started),
         written=[path, path.with_suffix(".json")],

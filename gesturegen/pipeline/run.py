@@ -55,7 +55,7 @@ def _add(total: Summary, stage: str, summary: Summary) -> None:
     sums.errors |= {f"{stage}: {clip}": error for clip, error in outcome.errors.items() if clip not in failed_before}
     sums.bugs |= {f"{stage}: {clip}": trace for clip, trace in outcome.bugs.items()}
     sums.done |= {f"{stage}: {clip}": value for clip, value in outcome.done.items()}
-    known = {warning for warning in total.warnings}
+    known = set(total.warnings)
     total.warnings += [warning for warning in summary.warnings if warning not in known]
     total.lines += [f"== {stage}: {len(outcome.done)} done, {outcome.failed} failed", *summary.lines]
     total.written += summary.written

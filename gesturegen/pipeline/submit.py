@@ -39,9 +39,9 @@ def check(config: Config, folder: Path | None, strict: bool, jobs: int, quiet: b
     outcome = for_each(tasks, jobs, "check", quiet)
     summary = Summary(outcome)
     for name, (problems, warnings) in list(outcome.done.items()):
-        problems = problems + warnings if strict else problems
-        if problems:
-            outcome.errors[name] = "\n".join(problems)
+        counted = problems + warnings if strict else problems
+        if counted:
+            outcome.errors[name] = "\n".join(counted)
             del outcome.done[name]
         if not strict:
             summary.warnings += [(name, warning) for warning in warnings]

@@ -80,7 +80,7 @@ def _sounds(config: Config, motions: Mapping[str, Path], path: Path | None, soun
     if sound is not None and inputs.is_file(sound):
         if len(motions) > 1:
             raise DataError(f"{sound}: one audio file for {len(motions)} motions; give a folder of audio files")
-        return {name: sound for name in motions}
+        return dict.fromkeys(motions, sound)
     if sound is not None:
         if not inputs.is_dir(sound):
             raise DataError(f"{sound}: no such audio file or folder")

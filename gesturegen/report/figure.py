@@ -45,8 +45,9 @@ def of_skeleton(skeleton: Skeleton, root_joint: str) -> Figure:
         # A chain has no pelvis: all of it is drawn.
         inside, pelvis = list(range(len(skeleton.names))), 0
     needed: set[int] = {pelvis}
-    for joint in inside:
-        if not _HELPERS.search(skeleton.names[joint]):
+    for drawn in inside:
+        if not _HELPERS.search(skeleton.names[drawn]):
+            joint = drawn
             while joint not in needed:
                 needed.add(joint)
                 joint = int(skeleton.parents[joint])

@@ -53,8 +53,8 @@ def lines_of(results: object) -> dict[str, list[Mapping]]:
     lines = results.get("lines") if isinstance(results, Mapping) else None
     found = {}
     for name, points in lines.items() if isinstance(lines, Mapping) else ():
-        points = points if isinstance(points, Sequence) else ()
-        kept = [p for p in points if isinstance(p, Mapping) and (_number(p.get("reference_seconds")) or 0.0) > 0.0]
+        listed = points if isinstance(points, Sequence) else ()
+        kept = [p for p in listed if isinstance(p, Mapping) and (_number(p.get("reference_seconds")) or 0.0) > 0.0]
         if kept:
             found[str(name)] = sorted(kept, key=lambda point: point["reference_seconds"])
     return found

@@ -159,11 +159,11 @@ def read(path: str | Path, channel: str | int = "mix") -> Sound:
             try:
                 source = _Mended(opened, mended) if mended else opened.fileno()
                 # libmpg123, in libsndfile, says on standard error alone that it leaves something out.
-                with compressed.overheard() if foreign else nullcontext() as heard:
-                    with _sequential(soundfile)(source, closefd=False) as file:
-                        _check_format(path, file.format, file.samplerate, file.channels)
-                        announced = file.frames / file.samplerate if file.format in _GUESSED else None
-                        sound = _read_sound(path, file, size, channel)
+                listen = compressed.overheard() if foreign else nullcontext()
+                with listen as heard, _sequential(soundfile)(source, closefd=False) as file:
+                    _check_format(path, file.format, file.samplerate, file.channels)
+                    announced = file.frames / file.samplerate if file.format in _GUESSED else None
+                    sound = _read_sound(path, file, size, channel)
             except soundfile.SoundFileError:
                 if foreign is None:
                     raise

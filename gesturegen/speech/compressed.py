@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Literal
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 
@@ -126,8 +126,10 @@ def notes(name: str, lost: list[str]) -> tuple[str, ...]:
     )
 
 
-def refuse_cut_off(path: Path, seconds: float, announced: float, least_share=1.0, slack=_SLACK_SECONDS) -> None:
-    """DataError where there are clearly fewer seconds than announced."""
+def refuse_cut_off(
+    path: Path, seconds: float, announced: float, least_share: float = 1.0, slack: float = _SLACK_SECONDS
+) -> None:
+    """Raise a DataError where there are clearly fewer seconds than announced."""
     if seconds < least_share * announced - slack:
         raise DataError(
             f"{inputs.shown(path)}: the file is cut off or damaged: {seconds:.1f} of {announced:.1f} s; copy it again, or convert it to WAV if that is all"
@@ -154,10 +156,11 @@ class Decoder:
             self.announced_seconds = float(duration * base) if duration and base and duration > 0 else None
             self._frames = self._container.decode(stream)
             # Headers may say something else than what then comes, or nothing.
-            self._first = next(self._frames, None)
-            if self._first is None:
+            first = next(self._frames, None)
+            if first is None:
                 raise DataError(f"{inputs.shown(path)}: holds no audio (0 s); record or copy it again")
-            self.rate, self.n_channels = int(self._first.sample_rate), self._first.layout.nb_channels
+            self._first: Any = first
+            self.rate, self.n_channels = int(first.sample_rate), first.layout.nb_channels
 
     def blocks(self) -> Iterator[np.ndarray]:
         """Yield blocks `[shape=(n, channels)]` float32; raises DataError for a damaged or cut-off file."""
@@ -176,7 +179,7 @@ class Decoder:
                 self.path, count / self.rate, self.announced_seconds, _CONTAINER_SHARE, _CONTAINER_SLACK_SECONDS
             )
 
-    def _refuse_change(self, frame, count: int) -> None:
+    def _refuse_change(self, frame: Any, count: int) -> None:
         """Refuse a frame unlike the first one with a DataError."""
         for what, of in _SETTINGS.items():
             was, becomes = of(self._first), of(frame)

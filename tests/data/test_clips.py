@@ -704,7 +704,7 @@ def test_the_draw_depends_on_the_seed_and_on_names_alone(tmp_path):
     assert len({str(choose(tmp_path, f"seed={seed}")) for seed in range(6)}) > 1
 
 
-SECONDS = {name: 10.0 for name in REFERENCES}
+SECONDS = dict.fromkeys(REFERENCES, 10.0)
 
 
 def choose_within(tmp_path, seconds, *overrides, **options):

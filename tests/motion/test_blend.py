@@ -320,7 +320,7 @@ def test_least_jerk_of_several_jumps_is_smoother_and_finite(seed, frames):
     turned, moved = blend.least_jerk(rotations, positions, flags(60, *frames), REACH)
     assert np.isfinite(turned).all() and np.isfinite(moved).all()
     np.testing.assert_allclose(np.linalg.norm(turned, axis=-1), 1.0, atol=1e-12)
-    jumps = [frame for frame in frames if 0 < frame]
+    jumps = [frame for frame in frames if frame > 0]
     if jumps:
         assert (
             np.square(np.diff(moved[:, 0], 3, axis=0)).sum()

@@ -123,7 +123,7 @@ def test_it_is_one_file_that_asks_for_nothing(recorded, work):
         assert not [name for name in attributes if name.startswith("on")], tag
     policy = next(a["content"] for _, a in tags.tags if a.get("http-equiv") == "Content-Security-Policy")
     assert policy.startswith("default-src 'none'; ")
-    scripts = [text for text in re.findall(r"<script>(.*?)</script>", html, re.S)]
+    scripts = list(re.findall(r"<script>(.*?)</script>", html, re.S))
     styles = re.findall(r"<style>(.*?)</style>", html, re.S)
     for kind, texts in (("script", scripts), ("style", styles)):
         digest = base64.b64encode(hashlib.sha256(texts[0].encode()).digest()).decode()

@@ -385,7 +385,7 @@ def test_the_first_recording_may_be_the_one_without_clips():
     rng = np.random.default_rng(14)
     references = [gb.reference(rng, 150, f"clip{k}", fingers=k == 1) for k in range(3)]
     database, _ = built(references, gb.config({"quality": {"exclude": ("clip0@*",)}}))
-    assert set(name.split("@")[0] for name in database.names.tolist()) == {"clip1", "clip2"}
+    assert {name.split("@")[0] for name in database.names.tolist()} == {"clip1", "clip2"}
     assert (database.finger_sources[database.names == database.names[-1]] != len(database.names) - 1).any()
     assert fingers.has_fingers(references[1].motion.rotations[:, [gb.NAMES.index(name) for name in gb.FINGERS]])
 

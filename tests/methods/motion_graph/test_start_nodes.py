@@ -78,7 +78,7 @@ def test_the_ranking_is_walked_step_by_step_with_ties_by_frame():
 def test_random_nodes_come_when_too_few_key_nodes_are_left():
     _, _, steps = walk(range(25), 4)
     # 25 key nodes serve one step of 20; the 5 that are left are not handed out.
-    assert steps[0] == [frame for frame in range(1, 41, 2)]
+    assert steps[0] == list(range(1, 41, 2))
     for nodes in steps[1:]:
         assert len(nodes) == len(set(nodes)) == 20 and set(nodes) <= set(range(50))
     assert steps[1] != steps[2]

@@ -162,7 +162,7 @@ def test_where_it_plays_on_the_matched_frame_is_not_shown_twice():
 def test_it_plays_on_now_and_then(library):
     nodes = nodes_of(searched(library, speech(600), config({"use_audio": False})))
     naturally = [other[0] == one[-1] + 1 for one, other in pairwise(nodes)]
-    assert 0 < sum(naturally) and all(other[0] != one[-1] for one, other in pairwise(nodes))
+    assert sum(naturally) > 0 and all(other[0] != one[-1] for one, other in pairwise(nodes))
     # By pose alone it leaves a stretch only where too little of it is left.
     assert naturally == [bool(library.valid[one[-1]]) for one in nodes[:-1]]
 
