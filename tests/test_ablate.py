@@ -574,6 +574,7 @@ BAD_GRIDS = {
     "a name that is no folder's": ("beam: {}", "../beam: {}", r':4: grid: "../beam_half" cannot be the name'),
     "a name that is taken": ("plain", "slow_half", ":4: grid: two setups are called slow_half"),
     "an odd setup": ("plain: {}", "3", ":3: setups: found 3, allowed: the name of a file, or"),
+    "too many": ("{half: 0.5, all: null}", str([*range(1, 502)]), ":4: grid: 1,002 combinations, at most 1,000"),
     "a misspelt key": ("leave_out", "leave", r":12: unknown key 'grid\.leave'; did you mean 'leave_out'"),
 }
 

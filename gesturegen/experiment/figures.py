@@ -63,7 +63,6 @@ def clip_row(trace: Mapping, graph: ReferenceFrames, measured: Mapping[str, floa
     """
     graph_keywords = set(graph.key_nodes.keywords.tolist())
     row = {
-        "references": [reference["clip"] for reference in trace["references"]],
         "graph": trace["graph"],
         "stuck_at": trace["failure"],
         "unnatural_edges": graph.n_unnatural_edges,

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from itertools import product
+from math import prod
 from typing import Any
 
 from gesturegen.errors import ConfigError
@@ -16,6 +17,7 @@ from gesturegen.settings.models import Config, Grid
 
 # It is also the name of a folder.
 _NAME = re.compile(r"\w[\w.+-]*")
+_MOST_SETUPS = 1000
 _SECTIONS = {field.alias or name for name, field in Config.model_fields.items()}
 
 
@@ -48,6 +50,8 @@ def combinations(grid: Grid, lines: Mapping[tuple, int], origin: str) -> Iterato
     if not grid.axes:
         raise ConfigError(f"{at}.axes: there are none; add one, such as `search: [beam, global]`")
     axes = {axis: list(_points(axis, values, lines, origin)) for axis, values in grid.axes.items()}
+    if (n_setups := prod(map(len, axes.values()))) > _MOST_SETUPS:
+        raise ConfigError(f"{at}: {n_setups:,} combinations, at most {_MOST_SETUPS:,} are run; give shorter axes")
     pattern = "_".join(f"{{{axis}}}" for axis in axes) if grid.name is None else grid.name
     for axis in re.findall(r"\{([^{}]*)\}", pattern):
         if axis not in axes:

@@ -137,7 +137,7 @@ def experiment(
         if not kept:
             for name in plan.setups:
                 shutil.rmtree(folder / name, ignore_errors=True)
-    if kept and not made.outcome.failed:
+    if kept and made.written:
         made.written += [folder / setup for setup in plan.setups]
     made.warnings += warnings
     made.warnings += [
@@ -154,8 +154,12 @@ def _kept_in(folder: Path, seed: int, plan: Plan, preset: Preset) -> Path | None
 
 def _remove_earlier(plan: Plan, preset: Preset, folder: Path, page: Path | None) -> None:
     """What an earlier run left must not pass for this one's, should this one fail."""
-    names = [f"{preset.folder}.{kind}" for kind in ("md", "csv", "json", "png")]
-    for path in [*(folder / name for name in (*names, "reference_length.json")), *([page] if page else [])]:
+    names = [
+        *(f"{preset.folder}.{kind}" for kind in ("md", "csv", "json", "png")),
+        "reference_length.json",
+        "report.html",
+    ]
+    for path in [*(folder / name for name in names), *([page] if page else [])]:
         path.unlink(missing_ok=True)
     for name in plan.setups:
         shutil.rmtree(folder / name, ignore_errors=True)
@@ -341,8 +345,8 @@ def _run_clip(run: Run, test: str, ruler: _Ruler, truth_path: str | None, with_b
     found = {"generated": None, "truth": None, "beside": None, "seams": None}
     if made.motion is not None:
         measured, found = _measure(made, test, ruler, truth_path, with_beside)
-    about = {"setup": run.setup, "seed": run.config.seed, "clip": test, "seams": found.pop("seams")}
-    row = about | figures.clip_row(made.trace, made.frames, measured)
+    about = {"setup": run.setup, "seed": run.config.seed, "clip": test, "references": list(run.references[test])}
+    row = about | {"seams": found.pop("seams")} | figures.clip_row(made.trace, made.frames, measured)
     return found | {"row": row, "manifest_row": submission.clip_row(made.trace) | {"files": written}}
 
 
