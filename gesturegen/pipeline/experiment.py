@@ -51,7 +51,7 @@ _NOT_OF_STUCK = ("objective", "search_seconds", *causes.KEYS)
 
 
 @dataclass(frozen=True)
-class Run:
+class _Run:
     """One setup at one seed.
 
     references : of each test clip; libraries : of each group of references, perhaps another setup's
@@ -120,7 +120,7 @@ def experiment(
     _remove_earlier(plan, preset, folder, page)
     kept = keep or preset.work_folders
     runs = [
-        Run(
+        _Run(
             setup, seeded(plan.setups[setup], seed), tests,
             {names: _library_path(plan, preset, owners[setup, names], names) for names in tests.values()},
             _kept_in(folder / setup, seed, plan, preset) if kept else None,
@@ -204,7 +204,7 @@ def _build_libraries(plan: Plan, preset: Preset, owners: _Owners, jobs: int, qui
 
 
 def _run_all(
-    plan: Plan, preset: Preset, runs: Sequence[Run], index: dict, jobs: int, quiet: bool, page: Path | None
+    plan: Plan, preset: Preset, runs: Sequence[_Run], index: dict, jobs: int, quiet: bool, page: Path | None
 ) -> Summary:
     columns = preset.columns(plan.base)
     ruler = _make_ruler(plan.base, columns, len(index["tests"]))
@@ -255,12 +255,12 @@ def _make_ruler(base: Config, columns: Sequence[Measure], n_clips: int) -> _Rule
     return _Ruler(base, keys, n_clips)
 
 
-def _title(run: Run, test: str) -> str:
+def _title(run: _Run, test: str) -> str:
     # The clip comes first, and tasks run by name: its truth is then read once for all setups.
     return f"{test}, seed {run.config.seed}, {run.setup}"
 
 
-def _tasks(batch: Sequence[Run], ruler: _Ruler, index: dict, with_beside: bool) -> dict[str, Callable[[], dict]]:
+def _tasks(batch: Sequence[_Run], ruler: _Ruler, index: dict, with_beside: bool) -> dict[str, Callable[[], dict]]:
     """with_beside : whether to measure what stands beside, which is the same for all runs"""
     return {
         _title(run, test): partial(
@@ -272,7 +272,7 @@ def _tasks(batch: Sequence[Run], ruler: _Ruler, index: dict, with_beside: bool) 
 
 
 def _sum_up(
-    run: Run, done: Sequence[dict], columns: Sequence[Measure], ruler: _Ruler, index: dict
+    run: _Run, done: Sequence[dict], columns: Sequence[Measure], ruler: _Ruler, index: dict
 ) -> dict[str, float]:  # fmt: skip
     """The figures of a run; its rows are given those that all clips are needed for."""
     rows = [one["row"] for one in done]
@@ -285,7 +285,7 @@ def _sum_up(
     return total
 
 
-def _complete_work_folder(run: Run, rows: Iterable[dict]) -> None:
+def _complete_work_folder(run: _Run, rows: Iterable[dict]) -> None:
     """Make the folder of a setup a work folder, so that every command works on it: it shares the clips."""
     folder = run.kept.parent
     documents.write(run.kept / "manifest.json", submission.manifest(rows, run.config))
@@ -300,7 +300,7 @@ def _complete_work_folder(run: Run, rows: Iterable[dict]) -> None:
         ) from None
 
 
-def _measure_memory(runs: Sequence[Run], preset: Preset, index: dict, jobs: int, quiet: bool) -> Summary:
+def _measure_memory(runs: Sequence[_Run], preset: Preset, index: dict, jobs: int, quiet: bool) -> Summary:
     """For each setup what memory the search of the longest clip takes."""
     longest = max(sorted(index["tests"]), key=lambda name: index["tests"][name]["seconds"])
     named = {
@@ -335,7 +335,7 @@ def _write(result: figures.Result, plan: Plan, made: Summary) -> None:
 # --- one clip, in a worker ----------------------------------------------------------------------------------
 
 
-def _run_clip(run: Run, test: str, ruler: _Ruler, truth_path: str | None, with_beside: bool) -> dict:
+def _run_clip(run: _Run, test: str, ruler: _Ruler, truth_path: str | None, with_beside: bool) -> dict:
     """The row of a clip, and evidence for the totals: its motion and truth where they are pooled, and what stands beside."""
     made = _gesture(run, test, ruler.config)
     written = {}
@@ -350,7 +350,7 @@ def _run_clip(run: Run, test: str, ruler: _Ruler, truth_path: str | None, with_b
     return found | {"row": row, "manifest_row": submission.clip_row(made.trace) | {"files": written}}
 
 
-def _gesture(run: Run, test: str, base: Config) -> Gestured:
+def _gesture(run: _Run, test: str, base: Config) -> Gestured:
     names, config = run.references[test], run.config
     # Loaded anew for every clip, so that the measured time holds all that a search prepares of its library.
     library = libraries.load(run.libraries[names], METHODS[config.method], config)
