@@ -434,8 +434,8 @@ def inspect(config: Config, jobs: int, quiet: bool, target: str, plot: Path | No
 @common
 @click.argument("paths", nargs=-1, type=click.Path(path_type=Path), metavar="[PATH]...")
 @click.option(
-    "--format", "kinds", multiple=True, type=click.Choice(["glb", "csv", "npz"]), default=["glb"], show_default=True,
-    help="glTF 2.0, joint positions, or arrays; may be repeated.",
+    "--format", "kinds", multiple=True, metavar="KIND", default=["glb"], show_default=True,
+    help="glb (glTF 2.0), csv (joint positions) or npz (arrays); may be repeated.",
 )  # fmt: skip
 @click.option("--out", type=FOLDER, metavar="DIR", help="Where to write, instead of WORK/export.")
 def export(

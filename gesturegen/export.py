@@ -1,4 +1,4 @@
-"""Motion for other programs: glTF 2.0 (`.glb`), CSV of joint positions, and plain arrays.
+"""Export of motion to other programs: glTF 2.0 (`.glb`), CSV of joint positions, and plain arrays.
 
 glTF is in metres and BVH in centimetres, so lengths are divided by 100. Both have Y up and the same handedness.
 """
@@ -7,7 +7,11 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -23,23 +27,29 @@ _FLOAT, _USHORT = 5126, 5123
 _ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
 
 
+@dataclass(frozen=True)
+class Format:
+    """A file format of motions.
+
+    encode : the content of a file, of a motion, its name and the name of its pelvis joint (`to_glb`)
+    needs : the package and the extra without which there is no such file; None where nothing is needed
+    """
+
+    encode: Callable[[Motion, str, str], bytes]
+    needs: tuple[str, str] | None = None
+
+
 def write(path: Path, motion: Motion, name: str, pelvis: str = "") -> None:
-    """Write a motion as what the file's name ends in, all or nothing: `.glb`, `.csv` or else arrays.
+    """Write a motion in the format of the file's ending, one of `FORMATS`, all or nothing.
 
     name, pelvis : of `to_glb`
     """
-    suffix = path.suffix.lower()
-    if suffix == ".glb":
-        data = to_glb(motion, name, pelvis)
-        files.write_bytes(path, lambda file: file.write(data))
-    elif suffix == ".csv":
-        files.write_text(path, to_csv(motion))
-    else:
-        files.write_arrays(path, to_arrays(motion))
+    data = FORMATS[path.suffix.lower().removeprefix(".")].encode(motion, name, pelvis)
+    files.write_bytes(path, lambda file: file.write(data))
 
 
 def to_arrays(motion: Motion) -> dict[str, np.ndarray]:
-    """Arrays of the `.npz`: world positions, local rotations (wxyz) and positions, and the skeleton."""
+    """Collect the arrays of the `.npz`: world positions, local rotations (wxyz) and positions, and the skeleton."""
     skeleton = motion.skeleton
     return {
         "positions": kinematics.joint_positions(motion).astype(np.float32),
@@ -53,7 +63,7 @@ def to_arrays(motion: Motion) -> dict[str, np.ndarray]:
 
 
 def to_csv(motion: Motion) -> str:
-    """World positions of all joints in cm, y up, one line per frame: `frame,time,<joint>.x,...`."""
+    """Format world positions of all joints in cm, y up, one line per frame: `frame,time,<joint>.x,...`."""
     positions = kinematics.joint_positions(motion).reshape(motion.n_frames, -1)
     header = io.StringIO()
     names = [f"{name}.{axis}" for name in motion.skeleton.names for axis in "xyz"]
@@ -65,7 +75,7 @@ def to_csv(motion: Motion) -> str:
 
 
 def continuous(quaternions: np.ndarray) -> np.ndarray:
-    """The same rotations `[shape=(T, ..., 4)]` with signs that never flip from one frame to the next.
+    """Choose signs of quaternions `[shape=(T, ..., 4)]` that never flip from one frame to the next.
 
     q and -q turn alike, but halfway between them lies something else.
     """
@@ -78,7 +88,7 @@ def continuous(quaternions: np.ndarray) -> np.ndarray:
 
 
 def to_glb(motion: Motion, name: str, pelvis: str = "") -> bytes:
-    """A binary glTF 2.0 file: a node per joint, an animation, and a mesh skinned to the joints.
+    """Make a binary glTF 2.0 file: a node per joint, an animation, and a mesh skinned to the joints.
 
     pelvis : name of the joint that the mesh begins at
     Joints that turn have a rotation sampler and rest unturned; joints that move have a translation sampler.
@@ -123,18 +133,20 @@ def to_glb(motion: Motion, name: str, pelvis: str = "") -> bytes:
 
 
 def _xyzw(quaternions: np.ndarray) -> np.ndarray:
-    """glTF keeps the real part last."""
+    """Move the real part of quaternions to the end, where glTF keeps it."""
     return np.asarray(quaternions)[..., [1, 2, 3, 0]]
 
 
 class _Buffer:
     """The binary part of a `.glb`, and the accessors that describe it."""
 
-    def __init__(self, gltf):
-        self.gltf, self.bytes, self.views, self.accessors = gltf, bytearray(), [], []
+    def __init__(self, gltf: ModuleType):
+        self.gltf, self.bytes = gltf, bytearray()
+        self.views: list[Any] = []
+        self.accessors: list[Any] = []
 
     def add(self, array: np.ndarray, kind: str, target: int | None = None, bounds: bool = False) -> int:
-        """Append float32 or uint16 rows `[shape=(n, width)]`; the accessor's number.
+        """Append float32 or uint16 rows `[shape=(n, width)]` and return the number of their accessor.
 
         kind : glTF's name of a row, such as VEC3; bounds : whether to state the least and greatest values,
         which glTF demands of key times and vertex positions
@@ -156,23 +168,24 @@ class _Buffer:
         return len(self.accessors) - 1
 
 
-def _animation(gltf, data: _Buffer, motion: Motion, turns: np.ndarray, moves: np.ndarray, name: str):
+def _animation(gltf: ModuleType, data: _Buffer, motion: Motion, turns: np.ndarray, moves: np.ndarray, name: str) -> Any:
+    """Make the animation: a track for each joint that turns or moves."""
     times = data.add((np.arange(motion.n_frames) / motion.fps).astype(np.float32), "SCALAR", bounds=True)
     rotations = _xyzw(continuous(motion.rotations)).astype(np.float32)
     positions = (motion.positions / CENTIMETRES_PER_METRE).astype(np.float32)
     # An animation needs a channel, even one of a body that stands still.
-    tracks = [(j, "rotation", rotations[:, j], "VEC4") for j in np.flatnonzero(turns)]
-    tracks += [(j, "translation", positions[:, j], "VEC3") for j in np.flatnonzero(moves)]
+    tracks = [(j, "rotation", rotations[:, j], "VEC4") for j in np.flatnonzero(turns).tolist()]
+    tracks += [(j, "translation", positions[:, j], "VEC3") for j in np.flatnonzero(moves).tolist()]
     samplers, channels = [], []
     for joint, path, values, kind in tracks or [(0, "translation", positions[:, 0], "VEC3")]:
         samplers.append(gltf.AnimationSampler(input=times, output=data.add(values, kind), interpolation="LINEAR"))
-        target = gltf.AnimationChannelTarget(node=int(joint), path=path)
+        target = gltf.AnimationChannelTarget(node=joint, path=path)
         channels.append(gltf.AnimationChannel(sampler=len(samplers) - 1, target=target))
     return gltf.Animation(name=name, samplers=samplers, channels=channels)
 
 
-def _add_skin(gltf, data: _Buffer, rest: Motion, name: str):
-    """The skin: all joints, and the matrices that take the resting mesh to each of them."""
+def _add_skin(gltf: ModuleType, data: _Buffer, rest: Motion, name: str) -> Any:
+    """Add the skin: all joints, and the matrices that take the resting mesh to each of them."""
     rotations, positions = (array[0] for array in kinematics.world_transforms(rest))
     inverse = np.tile(np.eye(4), (len(positions), 1, 1))
     inverse[:, :3, :3] = rotation.to_matrix(rotation.inverse(rotations))
@@ -184,8 +197,8 @@ def _add_skin(gltf, data: _Buffer, rest: Motion, name: str):
     )
 
 
-def _add_mesh(gltf, data: _Buffer, rest: Motion, name: str, pelvis: str):
-    """A double pyramid along every bone, each bound to the bone's upper joint alone."""
+def _add_mesh(gltf: ModuleType, data: _Buffer, rest: Motion, name: str, pelvis: str) -> Any:
+    """Add the mesh: a double pyramid along every bone, each bound to the bone's upper joint alone."""
     vertices, owners, triangles = _double_pyramids(rest, pelvis)
     weights = np.zeros((len(vertices), 4), dtype=np.float32)
     weights[:, 0] = 1.0
@@ -201,7 +214,11 @@ def _add_mesh(gltf, data: _Buffer, rest: Motion, name: str, pelvis: str):
 
 
 def _double_pyramids(rest: Motion, pelvis: str = "") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices in metres `[shape=(V, 3)]` float32, their joints `[shape=(V,)]`, corners of triangles `[shape=(3 F,)]`."""
+    """Make a double pyramid for every bone.
+
+    Returns vertices in metres `[shape=(V, 3)]` float32, their joints `[shape=(V,)]`, and corners of triangles
+    `[shape=(3 F,)]`.
+    """
     positions = kinematics.joint_positions(rest)[0] / CENTIMETRES_PER_METRE
     bones = [(int(p), j) for j, p in enumerate(rest.skeleton.parents) if p >= 0]
     # What leads from the world's origin to the pelvis is no part of the body.
@@ -223,3 +240,23 @@ def _double_pyramids(rest: Motion, pelvis: str = "") -> tuple[np.ndarray, np.nda
         owners += [joint] * 6
         triangles.append(faces[:, ::-1] + 6 * k)
     return np.array(vertices, dtype=np.float32), np.array(owners), np.concatenate(triangles).ravel()
+
+
+def _npz(motion: Motion, _name: str, _pelvis: str) -> bytes:
+    """Encode a motion as an uncompressed `.npz`."""
+    content = io.BytesIO()
+    np.savez(content, **to_arrays(motion))
+    return content.getvalue()
+
+
+def _csv(motion: Motion, _name: str, _pelvis: str) -> bytes:
+    """Encode a motion as a table of joint positions."""
+    return to_csv(motion).encode()
+
+
+# By the endings of files, for `export --format`, `Gesture.export` and `write`.
+FORMATS = {
+    "glb": Format(to_glb, ("pygltflib", "gltf")),
+    "csv": Format(_csv),
+    "npz": Format(_npz),
+}

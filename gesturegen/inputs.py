@@ -13,7 +13,7 @@ import stat
 from pathlib import Path
 from typing import BinaryIO
 
-from gesturegen.errors import DataError, GesturegenError
+from gesturegen.errors import DataError, GesturegenError, printable
 
 PERMISSIONS = "check the path and its permissions"
 # Neither part of a number in a text file nor of a name: they end lines, steer terminals or cannot be encoded.
@@ -29,9 +29,7 @@ _KINDS = (
 
 def shown(value: object) -> str:
     """A path or text as it may stand in an error message: on one line, printable, not endless."""
-    text = str(value)
-    if not text.isprintable():
-        text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    text = printable(str(value))
     return text if len(text) <= 500 else f"{text[:240]}...{text[-240:]}"
 
 

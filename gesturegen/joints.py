@@ -1,4 +1,4 @@
-"""Which joints of a skeleton the settings mean.
+"""The joints of a skeleton that the settings mean.
 
 The defaults of all settings that name joints are GENEA's joints. A skeleton that has none of them is another family's:
 its own joints of the same roles stand in for them (`motion/roles.py`). Joints that a config names itself are meant.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from difflib import get_close_matches
+from typing import Any
 
 import numpy as np
 
@@ -25,22 +26,22 @@ _ALIGNMENT_ROLES = ("shoulder", "upper_arm", "elbow", "wrist")
 
 
 def roles_of(skeleton: Skeleton, config: Config) -> Roles:
-    """The roles of a skeleton's joints, some of them perhaps set in section `skeleton`."""
+    """Recognise the roles of a skeleton's joints, some of them perhaps set in section `skeleton`."""
     return roles.recognise(skeleton, config.roles)
 
 
 def settings_for(skeleton: Skeleton, config: Config) -> Config:
-    """The config with joints of this skeleton in place of defaults that name joints which it does not have."""
+    """Adapt the config to a skeleton: its joints replace defaults that name joints which it does not have."""
     names = set(skeleton.names)
 
-    def unknown(value, default) -> bool:
+    def unknown(value: str | tuple[str, ...], default: str | tuple[str, ...]) -> bool:
         given = (value,) if isinstance(value, str) else value
         return value == default and (bool(config.roles) or not names & set(given))
 
     found = roles_of(skeleton, config)
     changes: dict[str, object] = {}
 
-    def put(section: str, **values) -> None:
+    def put(section: str, **values: Any) -> None:
         changes[section] = getattr(config, section).model_copy(update={k: v for k, v in values.items() if v})
 
     def named(joints: Sequence[int]) -> tuple[str, ...]:
@@ -82,7 +83,7 @@ def settings_for(skeleton: Skeleton, config: Config) -> Config:
 
 
 def unknown_names(skeleton: Skeleton, config: Config) -> list[str]:
-    """Names in the config that are none of this skeleton's joints and so say nothing, a line for each."""
+    """Describe names in the config that are not joints of this skeleton and so have no effect, a line for each."""
     given = [
         (f"skeleton.{role}", name) for role, own in config.roles for name in ((own,) if isinstance(own, str) else own)
     ]
@@ -98,13 +99,13 @@ def unknown_names(skeleton: Skeleton, config: Config) -> list[str]:
 
 
 def hand_names(skeleton: Skeleton, config: Config) -> tuple[str, ...]:
-    """The joints that are the left and the right hand by their roles; nothing where one is not known."""
+    """Name the joints that are the left and the right hand by their roles; empty where one is not known."""
     found = roles_of(skeleton, config).pair("wrist")
     return tuple(skeleton.names[joint] for joint in found) if len(found) == 2 else ()
 
 
 def fingers(skeleton: Skeleton, config: Config) -> np.ndarray:
-    """The joints of the fingers, int `[shape=(K,)]`, ascending: those that are set, else all below the wrists."""
+    """List the joints of the fingers, int `[shape=(K,)]`, ascending: those that are set, else all below the wrists."""
     own = settings_for(skeleton, config)
     if config.skeleton.left_fingers is None and config.skeleton.right_fingers is None:
         return body.fingers(skeleton, own.wrists.joints)
@@ -113,7 +114,7 @@ def fingers(skeleton: Skeleton, config: Config) -> np.ndarray:
 
 
 def _wrists(skeleton: Skeleton, found: Roles) -> list[int]:
-    """The wrists, and joints between elbow and wrist that twist the forearm."""
+    """List the wrists, and joints between elbow and wrist that twist the forearm."""
     joints = found.pair("wrist")
     for side in SIDES:
         joint, elbow = found[f"{side}_wrist"], found[f"{side}_elbow"]
@@ -125,20 +126,20 @@ def _wrists(skeleton: Skeleton, found: Roles) -> list[int]:
 
 
 def _roll_first(skeleton: Skeleton, found: Roles) -> str | None:
-    """The order of angles in which that about the forearm comes first; None without forearms."""
-    ways = []
+    """Return the order of angles whose first axis is that of the forearm; None without forearms."""
+    ways: list[np.ndarray] = []
     for side in SIDES:
-        joint, elbow, way = found[f"{side}_wrist"], found[f"{side}_elbow"], 0.0
+        joint, elbow, way = found[f"{side}_wrist"], found[f"{side}_elbow"], np.zeros(3)
         while elbow >= 0 and joint > elbow:
             way = way + abs(skeleton.offsets[joint])
             joint = int(skeleton.parents[joint])
         if elbow >= 0:
             ways.append(way)
-    return _ROLL_FIRST[int(sum(ways).argmax())] if ways else None
+    return _ROLL_FIRST[int(np.sum(ways, axis=0).argmax())] if ways else None
 
 
 def _finger_roots(skeleton: Skeleton, found: Roles) -> list[int]:
-    """The outer two of the fingers, by name where names tell them: the first joints of index and little finger."""
+    """List the first joints of the outer fingers, index and little finger, where names tell them."""
     joints = []
     for words in (("index",), ("pinky", "little")):
         for side in SIDES:

@@ -1,4 +1,4 @@
-"""From a `Path` of graph nodes to motion: the one renderer that all methods share (§4.2.4).
+"""Rendering of a `Path` of graph nodes to motion, by the one renderer that all methods share (§4.2.4).
 
 Each track of the path is rendered by itself. Order: take the reference frames of the nodes; keep the root from
 jumping; with `inertialize`, let the offsets at jumps decay; resample every piece to its length; with `crossfade`
@@ -28,7 +28,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class _Steps:
-    """How each node follows the one before it: bool `[shape=(n,)]`; the first is neither."""
+    """The steps from node to node, bool `[shape=(n,)]`: whether a node is held or jumped to; the first is neither."""
 
     hold: np.ndarray
     jump: np.ndarray
@@ -36,7 +36,7 @@ class _Steps:
 
 @dataclass(frozen=True)
 class _Rendered:
-    """The motion of a track, and of its frames: as recorded, which feet bore weight, and what follows on nothing.
+    """The motion of a track, and of its frames the recorded motion, the bearing feet and the jumps.
 
     as_recorded : None where feet are not locked, which alone needs it
     """
@@ -48,7 +48,7 @@ class _Rendered:
 
 
 def render(path: Path, references: Sequence[Reference], graph: ReferenceFrames, config: Config) -> Motion:
-    """The motion of a complete path: exactly as many frames as its targets have, at the graph's rate.
+    """Render a complete path: exactly as many frames as its targets have, at the graph's rate.
 
     references : those of the graph, in its order; only those that are shown are looked at. Without a set of joints
     a track moves all of the skeleton, so that fingers follow their arm, unless `fingers: rest`.
@@ -60,6 +60,7 @@ def render(path: Path, references: Sequence[Reference], graph: ReferenceFrames, 
     rendered = [_render_track(track, recorded, graph, pelvis, config) for track in path.tracks]
     motion, standing = rendered[0].motion, rendered[0]
     for track, part in zip(path.tracks[1:], rendered[1:], strict=True):
+        assert track.joints is not None  # of several tracks, each after the first says what it moves
         joints = [skeleton.names.index(name) for name in track.joints]
         motion = _with_joints(motion, part.motion, joints)
         if pelvis in joints:
@@ -68,6 +69,7 @@ def render(path: Path, references: Sequence[Reference], graph: ReferenceFrames, 
         limbs = body.split(skeleton, pelvis).limbs
         motion = smoothing.savitzky_golay(motion, limbs, config.smoothing)
     if config.feet.lock:
+        assert standing.as_recorded is not None  # each track keeps it where feet are locked
         motion = feet.lock(motion, standing.as_recorded, standing.bearing, standing.jumps, pelvis, config.feet)
     rotations = motion.rotations.copy()
     if config.fingers == "rest":
@@ -77,6 +79,7 @@ def render(path: Path, references: Sequence[Reference], graph: ReferenceFrames, 
 
 
 def _render_track(track: Track, recorded: _Recorded, graph: ReferenceFrames, pelvis: int, config: Config) -> _Rendered:
+    """Render one track on the whole skeleton."""
     pieces, nodes = track.pieces, track.nodes
     before = nodes[:-1]
     hold = np.append(False, nodes[1:] == before)
@@ -121,7 +124,7 @@ def _render_track(track: Track, recorded: _Recorded, graph: ReferenceFrames, pel
 
 
 def _with_joints(motion: Motion, other: Motion, joints: Sequence[int]) -> Motion:
-    """The motion with some joints moving as in another."""
+    """Replace the motion of some joints by that of another motion."""
     rotations, positions = motion.rotations.copy(), motion.positions.copy()
     rotations[:, joints], positions[:, joints] = other.rotations[:, joints], other.positions[:, joints]
     return replace(motion, rotations=rotations, positions=positions)
@@ -131,7 +134,7 @@ def _with_joints(motion: Motion, other: Motion, joints: Sequence[int]) -> Motion
 
 
 def _needed_nodes(path: Path, graph: ReferenceFrames, config: Config) -> np.ndarray:
-    """All nodes that rendering may look at."""
+    """List all nodes that rendering may look at."""
     needed = []
     for track in path.tracks:
         nodes = track.nodes
@@ -168,25 +171,28 @@ class _Recorded:
             parts.append(_on_skeleton(motion.take(frames), self.first.skeleton))
             bearing.append(_foot_contacts(motion, feet_joints)[frames])
             motions.append(motion)
+        written_joints, written_angles = written_of(parts)
         self.motion = replace(
             self.first,
             rotations=np.concatenate([part.rotations for part in parts]),
             positions=np.concatenate([part.positions for part in parts]),
-            **written_of(parts),
+            written_joints=written_joints,
+            written_angles=written_angles,
         )
         self._bearing = np.concatenate(bearing)
         self.travelling = kinematics.travelling_joint(motions)
 
     def take(self, nodes: np.ndarray) -> Motion:
+        """Take the frames of nodes."""
         return self.motion.take(np.searchsorted(self.nodes, nodes))
 
     def bearing(self, nodes: np.ndarray) -> np.ndarray:
-        """bool `[shape=(n, F)]`: which of the feet that there are bear weight."""
+        """Tell which of the skeleton's feet bear weight at nodes, bool `[shape=(n, F)]`."""
         return self._bearing[np.searchsorted(self.nodes, nodes)]
 
 
 def _on_skeleton(motion: Motion, skeleton: Skeleton) -> Motion:
-    """A motion with the bones of another skeleton of the same performer, as files of that skeleton hold it.
+    """Convert a motion to another skeleton of the same performer, as files of that skeleton hold it.
 
     Joints that do not travel are where the other OFFSETs have them.
     """
@@ -202,6 +208,7 @@ def _on_skeleton(motion: Motion, skeleton: Skeleton) -> Motion:
 
 
 def _foot_contacts(motion: Motion, joints: Sequence[str]) -> np.ndarray:
+    """Tell which of the named feet that the skeleton has are near the floor."""
     names = motion.skeleton.names
     places = [names.index(name) for name in joints if name in names]
     if not places:
@@ -215,7 +222,7 @@ def _foot_contacts(motion: Motion, joints: Sequence[str]) -> np.ndarray:
 def _ground_offsets(
     source: Motion, successors: Motion, steps: _Steps, recorded: _Recorded, pelvis: int, config: Config
 ) -> np.ndarray:
-    """What ground position and heading are moved by so that they never jump; the offset then decays.
+    """Compute the offsets of ground position and heading by which they never jump; the offset then decays.
 
     At a jump the new side starts where the old side's next frame would have been. Within a run the offset
     turns the travelled way along with the body, so that feet do not slide more than the decay makes them.
@@ -229,13 +236,14 @@ def _ground_offsets(
 
 
 def _ground_poses(motion: Motion, travelling: int, pelvis: int, zero_heading: np.ndarray) -> np.ndarray:
-    """Heading in radians, x and z `[shape=(T, 3)]`: position of the travelling joint, heading of the pelvis."""
+    """Compute heading in radians, x and z `[shape=(T, 3)]`: position of the travelling joint, heading of the pelvis."""
     rotations, positions = kinematics.world_transforms(motion, [travelling, pelvis])
     turned = rotation.multiply(rotations[:, 1], rotation.inverse(zero_heading))
     return np.column_stack([rotation.heading(turned), positions[:, 0, 0], positions[:, 0, 2]])
 
 
 def _accumulated_offsets(here: np.ndarray, ahead: np.ndarray, steps: _Steps, decay: float) -> list[list[float]]:
+    """Accumulate the offsets of `_ground_offsets` node by node."""
     rows = []
     turn = x = z = next_turn = next_x = next_z = 0.0
     for k, ((heading, px, pz), (_, ax, az)) in enumerate(zip(here.tolist(), ahead.tolist(), strict=True)):
@@ -277,7 +285,7 @@ def _move_ground(motion: Motion, travelling: int, turns: np.ndarray, shifts: np.
 def _inertialize(
     rotations: np.ndarray, positions: np.ndarray, successors: Motion, steps: _Steps, config: Config
 ) -> None:
-    """At every jump keep the new side and let its offset in pose and velocity to the old side decay, in place."""
+    """Keep the new side of every jump and let its offset in pose and velocity to the old side decay, in place."""
     fps = successors.fps
     jumps = np.flatnonzero(steps.jump)
     ends = np.append(jumps, len(rotations))[1:]
@@ -300,14 +308,14 @@ def _inertialize(
 
 
 def _spin(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """The rotation vector from one pose to the next, in radians per frame."""
+    """Compute the rotation vector from one pose to the next, in radians per frame."""
     return rotation.to_expmap(rotation.multiply(after, rotation.inverse(before)))
 
 
 def _timeline(
     pieces: Sequence[Piece], nodes: np.ndarray, graph: ReferenceFrames, how: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Which of all nodes are interpolated between `[shape=(K,)]`, and where among them each output frame lies.
+    """Choose the nodes to interpolate between `[shape=(K,)]`, and the place of each output frame among them.
 
     Every piece is evenly resampled to its target's length. A node that a piece holds before it goes on to its
     natural successor is on the way there all the while, slow motion in place of a stop: only the first of its
@@ -342,7 +350,7 @@ _BEYOND = 6
 
 
 class _Runs:
-    """The uninterrupted stretches of a track, each played on beyond its ends.
+    """The uninterrupted stretches of a track, each continued beyond its ends.
 
     numbers : int `[shape=(n_frames,)]`, the run that each output frame shows; one between two runs shows the first
     """
@@ -370,7 +378,10 @@ class _Runs:
         )
 
     def play(self, runs: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Rotations and positions of runs at output frames, also some beyond their ends, at the pace they have there."""
+        """Interpolate runs at output frames, also some beyond their ends, at the pace they have there.
+
+        Returns rotations and positions.
+        """
         first = np.searchsorted(self.numbers, runs)
         last = np.searchsorted(self.numbers, runs, side="right") - 1
         inside = np.clip(frames, first, last)
@@ -387,7 +398,7 @@ class _Runs:
 
 
 def _played_on(nodes: np.ndarray, recorded: _Recorded, graph: ReferenceFrames) -> Motion:
-    """The recorded frames of a run, with `_BEYOND` before and after it.
+    """Continue the recorded frames of a run by `_BEYOND` before and after it.
 
     A run that ends in a pose that is held holds it on. Where a segment ends, its frames are mirrored at that pose.
     """
@@ -404,7 +415,7 @@ def _played_on(nodes: np.ndarray, recorded: _Recorded, graph: ReferenceFrames) -
 
 
 def _beyond(edge: int, step: int, recorded: _Recorded, graph: ReferenceFrames) -> Motion:
-    """The `_BEYOND` frames from a node on, by steps of -1, 0 or 1."""
+    """Take the `_BEYOND` frames after a node, by steps of -1, 0 or 1."""
     segment = np.searchsorted(graph.segment_starts, edge, side="right") - 1
     bounds = int(graph.segment_starts[segment]), int(graph.segment_ends[segment])
     nodes = edge + step * np.arange(1, _BEYOND + 1)
@@ -422,7 +433,7 @@ def _beyond(edge: int, step: int, recorded: _Recorded, graph: ReferenceFrames) -
 
 
 def _continued_offsets(poses: np.ndarray, offsets: np.ndarray, decay: float) -> np.ndarray:
-    """Ground offsets (turn, x, z) of a run that is played on, given those of its nodes; see `_ground_offsets`.
+    """Continue the ground offsets (turn, x, z) of a run's nodes beyond its ends; see `_ground_offsets`.
 
     poses : on the ground, of all `[shape=(n + 2 * _BEYOND, 3)]`; offsets : `[shape=(n, 3)]`
     """
@@ -441,13 +452,13 @@ def _continued_offsets(poses: np.ndarray, offsets: np.ndarray, decay: float) -> 
 
 
 def _turned_step(turn: float, step: np.ndarray) -> tuple[float, float]:
-    """By how much a step over the ground changes when it is turned."""
+    """Compute by how much a step over the ground changes when it is turned."""
     cosine, sine = np.cos(turn) - 1.0, np.sin(turn)
     return cosine * step[0] + sine * step[1], cosine * step[1] - sine * step[0]
 
 
 def _jumps(times: np.ndarray, jump: np.ndarray) -> np.ndarray:
-    """bool `[shape=(n_frames,)]`: output frames between which and the one before lies a jump, or part of one.
+    """Find the output frames with a jump, or part of one, since the frame before, bool `[shape=(n_frames,)]`.
 
     jump : bool `[shape=(K,)]`, of the nodes that `times` lie among
     """
@@ -457,7 +468,7 @@ def _jumps(times: np.ndarray, jump: np.ndarray) -> np.ndarray:
 
 
 def _hard_joins(pieces: Sequence[Piece], graph: ReferenceFrames) -> list[tuple[int, int]]:
-    """Number and first frame of every piece that is no natural continuation of the one before."""
+    """List number and first frame of every piece that is no natural continuation of the one before."""
     return [
         (k, piece.target.start_frame)
         for k, (before, piece) in enumerate(pairwise(pieces), 1)
@@ -475,12 +486,12 @@ def _crossfade_joins(
 
 
 def _pace(piece: Piece) -> float:
-    """Nodes per output frame."""
+    """Compute the nodes per output frame of a piece."""
     return (len(piece.nodes) - 1) / max(piece.target.length - 1, 1)
 
 
 def _inside_segment(nodes: np.ndarray, piece: Piece, side: int, graph: ReferenceFrames) -> np.ndarray:
-    """Nodes (fractional ones too) after a piece's last (side 1) or before its first (-1), as far as was recorded."""
+    """Limit nodes (fractional ones too) after a piece's last (side 1) or before its first (-1) to what was recorded."""
     if side > 0:
         segment = np.searchsorted(graph.segment_starts, piece.nodes[-1], side="right") - 1
         return np.minimum(nodes, graph.segment_ends[segment])
@@ -518,7 +529,7 @@ def _overlap_join(
 def _played(
     nodes: np.ndarray, piece: Piece, side: int, offset: np.ndarray, recorded: _Recorded, graph: ReferenceFrames
 ) -> Motion:
-    """Poses at fractional nodes beyond an end of a piece, on the ground where the piece is there."""
+    """Interpolate poses at fractional nodes beyond an end of a piece, placed on the ground where the piece is there."""
     edge = int(piece.nodes[-1 if side > 0 else 0])
     nodes = _inside_segment(nodes, piece, side, graph)
     low, high = np.floor(nodes).astype(int), np.ceil(nodes).astype(int)

@@ -97,7 +97,7 @@ class _Document:
             raise self._fail(f"not valid YAML ({inputs.shown(error)})") from None
 
     def _fail(self, message: str) -> ConfigError:
-        key = ".".join(map(str, self.key))
+        key = inputs.shown(".".join(map(str, self.key)))
         return ConfigError(f"{self.name}:{self.line}: {key + ': ' if key else ''}{message}")
 
     def _read_document(self) -> Any:

@@ -42,7 +42,7 @@ def make_trace(
     path: SearchPath, graph: ReferenceFrames, graph_name: str, speech: Speech, key_nodes: KeyNodes, config: Config,
     variant: int = 1,
 ) -> dict:  # fmt: skip
-    """Everything needed to explain a clip's frames (README, file formats)."""
+    """Everything needed to explain a clip's frames (docs/files.md)."""
     pieces = path.tracks[0].pieces
     stuck = path.failure
     return {

@@ -7,7 +7,7 @@ import io
 import math
 from collections.abc import Mapping, Sequence
 
-from gesturegen.evaluation import Measure
+from gesturegen.metrics.measures import Measure
 
 # What a terminal shows without folding a line.
 WIDTH = 100
@@ -27,7 +27,7 @@ SUMMARY = {
 
 
 def format_figure(value: float | int | None) -> str:
-    """Five significant digits, whole numbers as they are, `-` where there is no figure."""
+    """Format five significant digits, whole numbers as they are, `-` for a missing figure."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
     if float(value).is_integer() and abs(value) < 1e6:
@@ -38,7 +38,7 @@ def format_figure(value: float | int | None) -> str:
 def format_blocks(
     rows: Mapping[str, Mapping], total: Mapping, columns: Sequence[Measure], beside: Mapping[str, Mapping]
 ) -> str:
-    """One aligned table per block of measures: a line per clip, the total, and what stands beside it, where it does."""
+    """Format one aligned table per block of measures: a line per clip, the total, and the rows beside the total."""
     blocks = list(dict.fromkeys(measure.block for measure in columns))
     return "\n\n".join(
         f"[{block}]\n" + align(_cells(rows, total, [measure for measure in columns if measure.block == block], beside))
@@ -47,7 +47,7 @@ def format_blocks(
 
 
 def format_summary(total: Mapping, n_clips: int, columns: Sequence[Measure], beside: Mapping[str, Mapping]) -> str:
-    """The figures that tell most over all clips, a line each, and beside them those of what stands beside the total."""
+    """Format the principal figures over all clips, a line each, with those of the rows beside the total."""
     known = {measure.key: measure for measure in columns}
     chosen = [known[key] for key in SUMMARY if format_figure(total.get(key)) != "-" and key in known]
     others = beside_of(beside, chosen)
@@ -59,11 +59,12 @@ def format_summary(total: Mapping, n_clips: int, columns: Sequence[Measure], bes
 
 
 def _rounded(value: float | int | None) -> str:
+    """Format three significant digits."""
     return format_figure(value if value is None or isinstance(value, int) else float(f"{value:.3g}"))
 
 
 def beside_of(beside: Mapping[str, Mapping], columns: Sequence[Measure]) -> dict[str, Mapping]:
-    """Those rows beside a total that have a figure in any of the columns."""
+    """Select the rows beside a total that have a figure in any of the columns."""
     return {
         name: row
         for name, row in beside.items()
@@ -74,6 +75,7 @@ def beside_of(beside: Mapping[str, Mapping], columns: Sequence[Measure]) -> dict
 def _cells(
     rows: Mapping[str, Mapping], total: Mapping, columns: Sequence[Measure], beside: Mapping[str, Mapping]
 ) -> list[list[str]]:
+    """List the cells of a table: headings, a line per clip, the total, and the rows beside it."""
     lines = [["clip", *(measure.heading for measure in columns)]]
     for name, row in [*rows.items(), (f"all {len(rows)}", total), *beside_of(beside, columns).items()]:
         lines.append([name, *(format_figure(row.get(measure.key)) for measure in columns)])
@@ -81,7 +83,7 @@ def _cells(
 
 
 def align(lines: Sequence[Sequence[str]]) -> str:
-    """Cells as a table, its first row the headings; columns beyond the width of a terminal follow in a further table."""
+    """Align cells as a table, headings first; columns beyond the width of a terminal follow in a further table."""
     widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
     groups: list[list[int]] = [[]]
     for k, width in enumerate(widths[1:], start=1):
@@ -101,7 +103,7 @@ def format_csv(
     rows: Mapping[str, Mapping], total: Mapping, columns: Sequence[Measure], signature: Mapping,
     beside: Mapping[str, Mapping],
 ) -> str:  # fmt: skip
-    """A row per clip, one named `all`, and what stands beside it, each ending in what produced it."""
+    """Format a row per clip, one named `all`, and the rows beside the total, each ending in its provenance."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["clip", *(measure.key for measure in columns), *signature])
@@ -112,14 +114,15 @@ def format_csv(
 
 
 def exact(value: float | int | None) -> str:
-    """A figure as CSV holds it: all of its digits, an empty cell where there is none."""
+    """Format a figure for CSV: all of its digits, an empty cell where there is none."""
     return "" if format_figure(value) == "-" else repr(value)
 
 
 def json_figures(row: Mapping[str, float]) -> dict[str, float | None]:
+    """Convert figures to JSON values: None for a missing figure."""
     return {key: None if format_figure(value) == "-" else value for key, value in row.items()}
 
 
 def from_json(row: Mapping[str, float | None]) -> dict[str, float]:
-    """The figures that `json_figures` wrote."""
+    """Restore the figures that `json_figures` wrote."""
     return {key: math.nan if value is None else value for key, value in row.items()}

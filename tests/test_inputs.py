@@ -1,6 +1,7 @@
 """Files that users hand in: what is opened, and the one line about what is not."""
 
 import os
+import pickle
 import re
 import socket
 from pathlib import Path
@@ -156,3 +157,12 @@ def test_files_whose_names_cannot_be_written_again_are_refused(tmp_path, command
 def test_labels_that_cannot_be_shown_are_refused(tmp_path):
     result = CliRunner().invoke(main, ["report", "--compare", f"a\udcff={tmp_path}", "--work", str(tmp_path)])
     assert result.exit_code == 2 and "the label holds U+DCFF" in result.stderr, result.output
+
+
+@pytest.mark.parametrize("char", ("\ue000", "\ud7fc", "\u202e", "\x1b"))
+def test_errors_show_only_what_can_be_printed(char):
+    """Whatever a reader quotes of a file: its errors go to terminals and logs."""
+    error = ConfigError(f"a.yaml:1: {char}: one mistake\na.yaml:2: another, é")
+    first, second = str(error).split("\n")
+    assert first == f"a.yaml:1: {char.encode('unicode_escape').decode()}: one mistake" and second.endswith("é")
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)

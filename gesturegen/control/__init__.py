@@ -1,1 +1,1 @@
-"""What a user demands of the hands over time, and how well it is met (Habibie et al. 2022, §3.1.3 and §4.2)."""
+"""Control of the hands: a user's conditions over time and how well they are met (Habibie et al. 2022, §3.1.3, §4.2)."""

@@ -1,4 +1,4 @@
-"""Keyword gestures: where a gesture of the library is to be shown (Habibie et al. 2022, §4.2)."""
+"""Keyword gestures: the places where a gesture of the library is to be shown (Habibie et al. 2022, §4.2)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Placement:
 
 
 def placements(control: Control, speech: Speech) -> tuple[list[Placement], list[str]]:
-    """The gestures of a speech in order of time, and notes about those that are not shown, one line each.
+    """List the gestures of a speech in order of time, and one line of explanation for each that is left out.
 
     Of two gestures less than 0.5 s apart, the later one is left out; of two at the same time, the one that stands
     later in the file. Raises DataError with one line for each gesture past the end of the clip that it names.
@@ -65,8 +65,9 @@ def placements(control: Control, speech: Speech) -> tuple[list[Placement], list[
 
 
 def _times(entry: KeywordGesture, speech: Speech) -> list[float]:
-    """When a gesture is wanted, in seconds."""
+    """List the times in seconds at which a gesture is wanted."""
     if entry.at is not None:
         return [entry.at]
+    assert entry.word is not None  # the settings demand one of `word` and `at`
     word = normalize(entry.word)
     return [said.start for said in speech.words if said.text == word]

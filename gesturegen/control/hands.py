@@ -1,10 +1,11 @@
-"""Where the hands are: in the nodes of a library and in the frames of a motion, as control looks at them."""
+"""Measures of the hands in the nodes of a library and in the frames of a motion, for control."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gesturegen.control.measures import hand_measures
 from gesturegen.errors import DataError
@@ -13,7 +14,7 @@ from gesturegen.settings.control import Control
 
 
 def names(control: Control, joint_names: Sequence[str], by_role: Sequence[str] = ()) -> list[str]:
-    """The joints that are the left and the right hand.
+    """Name the joints that are the left and the right hand.
 
     by_role : those that are hands by their roles, which stand in for the default names where these are no joints
     """
@@ -24,7 +25,7 @@ def names(control: Control, joint_names: Sequence[str], by_role: Sequence[str] =
 
 
 def of_nodes(library: ReferenceFrames, control: Control) -> dict[tuple[str, str], np.ndarray]:
-    """Every measure of the hands in every node (`measures.hand_measures`).
+    """Measure the hands in every node of a library (`measures.hand_measures`).
 
     Raises DataError for a hand that is none of the joints that positions are kept of.
     """
@@ -34,10 +35,14 @@ def of_nodes(library: ReferenceFrames, control: Control) -> dict[tuple[str, str]
 
 
 def of_positions(
-    positions: np.ndarray, joint_names: Sequence[str], segment_starts: Sequence[int], fps: float, control: Control,
+    positions: np.ndarray, joint_names: Sequence[str], segment_starts: ArrayLike, fps: float, control: Control,
     by_role: Sequence[str] = (),
 ) -> dict[tuple[str, str], np.ndarray]:  # fmt: skip
-    """The same of positions `[shape=(T, J, 3)]` of named joints, seen from the pelvis, cm; by_role : as in `names`."""
+    """Measure the hands in every frame of joint positions.
+
+    positions : float `[shape=(T, J, 3)]`, of the named joints, seen from the pelvis, cm
+    by_role : as in `names`
+    """
     places = []
     for side, name in zip(("left", "right"), names(control, joint_names, by_role), strict=True):
         if name not in joint_names:

@@ -1,18 +1,15 @@
-"""What a condition can be about: height, speed and radius of the hands, and how alike their heights are."""
+"""Measures that a condition can be about: height, speed and radius of the hands, and how alike their heights are."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
+from numpy.typing import ArrayLike
 
 UNITS = {"height": "cm", "speed": "cm/s", "radius": "cm", "symmetry": "cm"}
 
 
-def hand_measures(
-    hands: np.ndarray, segment_starts: np.ndarray | Sequence[int], fps: float
-) -> dict[tuple[str, str], np.ndarray]:
-    """Every measure of every hand in every frame: (measure, hand) -> float `[shape=(N,)]`.
+def hand_measures(hands: np.ndarray, segment_starts: ArrayLike, fps: float) -> dict[tuple[str, str], np.ndarray]:
+    """Compute every measure of every hand in every frame: (measure, hand) -> float `[shape=(N,)]`.
 
         height   = y
         speed    = ||p(t) - p(t - 1)|| * fps
@@ -34,7 +31,7 @@ def hand_measures(
         "speed": _speeds(hands, np.asarray(segment_starts, dtype=np.int64), fps),
         "radius": np.hypot(hands[..., 0], hands[..., 2]),
     }
-    measures = {}
+    measures: dict[tuple[str, str], np.ndarray] = {}
     for name, values in per_hand.items():
         measures |= {(name, "left"): values[:, 0], (name, "right"): values[:, 1], (name, "both"): values.mean(axis=1)}
     measures["symmetry", "both"] = np.abs(hands[:, 0, 1] - hands[:, 1, 1])
@@ -42,7 +39,7 @@ def hand_measures(
 
 
 def _speeds(hands: np.ndarray, segment_starts: np.ndarray, fps: float) -> np.ndarray:
-    """Speeds in cm/s, float `[shape=(N, 2)]`."""
+    """Compute the speeds of both hands in cm/s, float `[shape=(N, 2)]`."""
     frames = len(hands)
     if len(segment_starts) and not 0 <= segment_starts.min() <= segment_starts.max() < frames:
         raise ValueError(f"segment_starts lie outside the {frames} frames")

@@ -1,4 +1,4 @@
-"""Conditions on the hands in the frames of one clip: what they ask for, which nodes meet it, what was achieved.
+"""Conditions on the hands in the frames of one clip: what they demand, which nodes meet them, what was achieved.
 
 Hard conditions limit the search to the reference frames that meet them, as the control mask of Habibie et al.
 2022 (§3.1.3) does; soft ones have a price.
@@ -30,7 +30,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class Demand:
-    """A condition in the frames of one clip.
+    """A condition on the hands, resolved to the frames of one clip.
 
     place : its number among the conditions, from 1
     low, high : what the measure is to be, in cm or cm/s; -inf and inf where it does not matter
@@ -52,7 +52,7 @@ class Demand:
 
     @property
     def key(self) -> tuple[str, str]:
-        """What it is about, as `hand_measures` calls it."""
+        """The measure and the hand, as `hand_measures` calls them."""
         return self.measure, self.hand
 
 
@@ -60,7 +60,7 @@ class Demand:
 
 
 def demands(control: Control, clip_name: str, n_frames: int, fps: float, values: Measures) -> tuple[Demand, ...]:
-    """The conditions that concern a clip, in the order of the file.
+    """Resolve the conditions that concern a clip, in the order of the file.
 
     n_frames : of the speech that is to be gestured
     values : each measure in the N nodes of the references, float [shape=(N,)]
@@ -95,12 +95,12 @@ def demands(control: Control, clip_name: str, n_frames: int, fps: float, values:
 
 
 def names_one_clip(pattern: str, clip_name: str) -> bool:
-    """Whether a pattern is the name of the clip, so that what does not fit the clip must be a mistake."""
+    """Tell whether a pattern is the name of the clip, so that a condition which does not fit the clip is a mistake."""
     return is_named(clip_name, pattern)
 
 
 def _past_the_end(condition: Condition, clip_name: str, duration: float) -> str | None:
-    """What is wrong with the times of a condition; a glob may reach past the end, but not start there."""
+    """Describe how the times of a condition pass the end of the clip; a glob may end past it, but not start there."""
     if condition.from_ >= duration - _SLACK:
         return f"starts at {condition.from_:g} s, the clip ends at {duration:.2f} s"
     too_long = condition.to is not None and condition.to > duration + _GRACE + _SLACK
@@ -110,6 +110,7 @@ def _past_the_end(condition: Condition, clip_name: str, duration: float) -> str 
 
 
 def _demand(place: int, condition: Condition, n_frames: int, fps: float, values: Measures) -> Demand:
+    """Resolve one condition to the frames of the clip and to numbers."""
     measured = _measured(values, (condition.measure, condition.hand))
     # A short range holds in one frame at least, and the last one of the clip is within it.
     start = min(round(condition.from_ * fps), n_frames - 1)
@@ -130,7 +131,7 @@ def _demand(place: int, condition: Condition, n_frames: int, fps: float, values:
 
 
 def _impossible(demand: Demand, condition: Condition, measured: np.ndarray) -> str | None:
-    """Why a demand can never be met; None where it can, or where it is soft and has bounds in order."""
+    """Explain why a demand can never be met; None where it can, or where it is soft and has bounds in order."""
     unit = UNITS[demand.measure]
     texts = []
     for what, bound, number in (
@@ -156,12 +157,12 @@ def _impossible(demand: Demand, condition: Condition, measured: np.ndarray) -> s
 
 
 def _subject(demand: Demand) -> str:
-    """Such as `height (left)`."""
+    """Name what a demand is about, such as `height (left)`."""
     return demand.measure if demand.measure == "symmetry" else f"{demand.measure} ({demand.hand})"
 
 
 def _overlaps(conditions: list[tuple[int, Condition]]) -> list[str]:
-    """Conditions on the same measure of the same hand at the same time, one line for each two."""
+    """Describe conditions on the same measure of the same hand at the same time, one line for each two."""
     problems = []
     for (first, one), (second, other) in itertools.combinations(conditions, 2):
         time = shared_time(one, other)
@@ -174,7 +175,7 @@ def _overlaps(conditions: list[tuple[int, Condition]]) -> list[str]:
 
 
 def _contradictions(found: list[Demand], values: Measures, fps: float) -> list[str]:
-    """Hard demands that some node meets each but none meets together, one line for each smallest set of them."""
+    """Describe the smallest sets of hard demands that no node meets together, one line for each set."""
     hard = [demand for demand in found if demand.hard]
     met = satisfied(hard, values)
     problems = {}
@@ -199,14 +200,20 @@ def _contradictions(found: list[Demand], values: Measures, fps: float) -> list[s
 
 
 def satisfied(demands: Sequence[Demand], values: Measures) -> np.ndarray:
-    """Which nodes meet which of D demands, bool `[shape=(D, N)]`; values : float [shape=(N,)] for each measure."""
+    """Tell which nodes meet which of D demands, bool `[shape=(D, N)]`.
+
+    values : float [shape=(N,)] for each measure
+    """
     rows = [_measured(values, demand.key) for demand in demands]
     met = [(row >= demand.low) & (row <= demand.high) for demand, row in zip(demands, rows, strict=True)]
     return _stacked(met, values, bool)
 
 
 def violations(demands: Sequence[Demand], values: Measures) -> np.ndarray:
-    """How far nodes lie outside what D demands ask for, in standard deviations, float `[shape=(D, N)]`; 0 inside."""
+    """Compute how far nodes lie outside the bounds of D demands.
+
+    Returns float `[shape=(D, N)]`, standard deviations; 0 inside the bounds.
+    """
     rows = [_measured(values, demand.key) for demand in demands]
     outside = [
         np.maximum(np.maximum(demand.low - row, row - demand.high), 0.0) / demand.scale
@@ -216,19 +223,20 @@ def violations(demands: Sequence[Demand], values: Measures) -> np.ndarray:
 
 
 def _measured(values: Measures, key: tuple[str, str]) -> np.ndarray:
+    """Return the values of a measure in double precision."""
     # In single precision, what lies just outside a bound would be inside.
     return np.asarray(values[key], dtype=np.float64)
 
 
 def _stacked(rows: list[np.ndarray], values: Measures, dtype: type) -> np.ndarray:
-    """`[shape=(D, N)]`, also without any row."""
+    """Stack rows to an array `[shape=(D, N)]`, also where there is no row."""
     if rows:
         return np.stack(rows)
     return np.zeros((0, len(next(iter(values.values()), ()))), dtype=dtype)
 
 
 def states(demands: Sequence[Demand], n_frames: int) -> tuple[np.ndarray, list[tuple[int, ...]]]:
-    """Which demands hold in which frames: the state of each frame, int `[shape=(n_frames,)]`, and the S states.
+    """Tell which demands hold in which frames: the state of each frame, int `[shape=(n_frames,)]`, and the S states.
 
     A state is the tuple of the demands, by their index, that hold together. State 0 is that of none, whether or
     not any frame has it; the others come in order of their first frame.
@@ -245,7 +253,7 @@ def states(demands: Sequence[Demand], n_frames: int) -> tuple[np.ndarray, list[t
 def frame_prices(
     sets: Sequence[tuple[int, ...]], demands: Sequence[Demand], values: Measures, forbidden: float
 ) -> np.ndarray:
-    """The price of showing each of N nodes in a frame of each of S states, float `[shape=(S, N)]`.
+    """Compute the price of showing each of N nodes in a frame of each of S states, float `[shape=(S, N)]`.
 
         price = sum over soft demands of price * violation + forbidden * number of violated hard demands
 
@@ -265,7 +273,7 @@ def frame_prices(
 
 @dataclass(frozen=True)
 class Achieved:
-    """What an output makes of a demand: the columns of the paper's table 2, and how the references are.
+    """Figures of how well an output meets a demand: the columns of the paper's table 2, and figures of the references.
 
     at_least, at_most : what was asked for, -inf and inf where nothing was
     mean, deviation : of the measure over the frames of the demand, in cm or cm/s
@@ -288,7 +296,7 @@ class Achieved:
     reference_deviation: float
 
     def row(self) -> dict:
-        """As JSON can hold it: None for a bound that was not asked for."""
+        """Return the figures as JSON can hold them: None for a bound that was not asked for."""
         return {
             name: None if isinstance(value, float) and not math.isfinite(value) else value
             for name, value in asdict(self).items()
@@ -296,7 +304,7 @@ class Achieved:
 
 
 def achieved(demands: Sequence[Demand], values_of_output: Measures, values_of_reference: Measures) -> list[Achieved]:
-    """What was achieved of each demand.
+    """Measure what an output achieves of each demand.
 
     values_of_output : each measure in the T frames of the output, float [shape=(T,)]
     values_of_reference : each measure in the N nodes of the references, float [shape=(N,)]

@@ -1,1 +1,1 @@
-"""Recordings as they lie on disk, and what is stored of them."""
+"""Recordings on disk, and the clips that are stored of them."""

@@ -11,6 +11,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -95,7 +96,7 @@ _MOTION = {
 
 
 def _unfit(stored: Mapping[str, np.ndarray]) -> str | None:
-    """What is wrong between the arrays of a clip, each of which is as it should be."""
+    """Describe a contradiction between the arrays of a stored clip, each of them valid alone; None if they agree."""
     times = stored["word_times"]
     if not (times[:, 0] <= times[:, 1]).all() or not (np.diff(times[:, 0]) >= 0).all():
         return "word_times are not in order"
@@ -121,7 +122,7 @@ KIND = Kind(
 
 @dataclass(frozen=True, eq=False)
 class Speech:
-    """A speech on the frame grid.
+    """A speech on the grid of frames.
 
     onset_times : float [shape=(K,)], seconds, at the configured strength
     words : in order of time; n_frames : round(duration * fps) for a test speech, the motion's for a reference
@@ -140,7 +141,7 @@ class Speech:
     onset_strengths: np.ndarray | None = None
     voice: np.ndarray | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "onset_times", read_only(self.onset_times))
         if self.voice is not None:
             object.__setattr__(self, "voice", read_only(self.voice))
@@ -167,7 +168,7 @@ class Reference:
     source_frames: np.ndarray
     segment_starts: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("source_frames", "segment_starts"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
@@ -191,22 +192,23 @@ class Clip:
     voice: Voice | None = None
 
     def all_notes(self, config: Config) -> list[str]:
-        """What is odd about the clip, with these settings."""
+        """List what is odd about the clip with these settings, one line each."""
         return [*self.notes, *self._voice_notes(config), *self._onset_notes(config)]
 
     def voiced(self, config: Config) -> np.ndarray:
-        """Seconds `[shape=(S, 2)]` in which somebody speaks, by the sound or by the transcript."""
+        """Compute the spans `[shape=(S, 2)]` in seconds in which somebody speaks, by the sound or by the transcript."""
         return voice.voiced(self.voice, self.words, config.voice)
 
     def onset_threshold(self, config: Config) -> float:
-        """The strength from which on a peak is an onset (`onsets`)."""
+        """Return the least strength of a peak that counts as an onset (`onsets`)."""
         return self.onset_peaks.threshold(config.onsets, self.voiced(config))
 
     def onset_rate(self, config: Config) -> float:
-        """Onsets per second of speech; NaN without speech."""
+        """Compute the number of onsets per second of speech; NaN without speech."""
         return self.onset_peaks.rate(self.onset_threshold(config), config.onsets.muted_max_share, self.voiced(config))
 
     def _voice_notes(self, config: Config) -> list[str]:
+        """List what is odd about the voice activity of the clip."""
         if self.words or self.voice is None:
             return []
         heard = audio.voiced_seconds(self.voiced(config))
@@ -218,6 +220,7 @@ class Clip:
         return [f"no words, so the sound tells when there is speech: {how} in {heard:.1f} of {self.duration:.1f} s"]
 
     def _onset_notes(self, config: Config) -> list[str]:
+        """List what is odd about the number of onsets of the clip."""
         voiced, threshold = self.voiced(config), self.onset_threshold(config)
         rate, seconds = self.onset_rate(config), audio.voiced_seconds(voiced)
         if not rate < LEAST_ONSETS_PER_SECOND or (rate > 0 and seconds < LEAST_VOICED_SECONDS):
@@ -243,16 +246,19 @@ class Clip:
         ]
 
     def test_speech(self, config: Config) -> Speech:
+        """Return the speech of a test clip, as long as its audio."""
         return self._speech(config, round(self.duration * config.fps))
 
     def reference(self, config: Config) -> Reference:
-        if self.motion is None:
+        """Return the motion and the speech as a reference; raises DataError for a clip without motion."""
+        if self.motion is None or self.source_frames is None or self.segment_starts is None:
             raise DataError(f"clip {self.name} has no motion, so it cannot be a reference")
         return Reference(
             self.name, self.motion, self._speech(config, self.n_recorded), self.source_frames, self.segment_starts
         )
 
     def _speech(self, config: Config, n_frames: int) -> Speech:
+        """Return the speech with the onsets of the configured strength, over `n_frames` frames."""
         onsets = self.onset_peaks.are_onsets(self.onset_threshold(config), config.onsets.muted_max_share)
         heard = voice.beside_words(self.voice, self.words, config.voice, config.pauses)
         return Speech(
@@ -291,6 +297,11 @@ def prepare(recording: Recording, config: Config, with_motion: bool) -> Clip:
 
 
 def _with_motion(clip: Clip, recording: Recording, config: Config) -> Clip:
+    """Add the motion of a recording to a clip: read, resampled, cut and cleaned."""
+    if recording.motion_path is None:
+        raise DataError(
+            f"clip {recording.name}: no BVH file beside it; add {recording.name}.bvh, or blacklist the clip"
+        )
     notes = list(clip.notes)
     motion = space.read(recording.motion_path, config)
     notes += space.notes(motion.skeleton, config) + unknown_names(motion.skeleton, config)
@@ -330,7 +341,7 @@ def _with_motion(clip: Clip, recording: Recording, config: Config) -> Clip:
 
 
 def select_joints(skeleton: Skeleton, config: Config) -> tuple[list[int], list[str]]:
-    """The joint numbers that distances are measured on, and a note when the configured ones do not exist.
+    """List the joints that distances are measured on, and a note when the configured ones do not exist.
 
     A skeleton with none of the default joints is of another kind: its own joints of the same roles are taken, or all
     where it is not recognised as a body. One with only some of them raises DataError.
@@ -361,7 +372,7 @@ def select_joints(skeleton: Skeleton, config: Config) -> tuple[list[int], list[s
 
 
 def input_digest(recording: Recording) -> str:
-    """A hash of all that a clip is made from: its files' bytes and its speaker."""
+    """Compute a hash of all inputs of a clip: the bytes of its files and its speaker."""
     others = recording.other_transcripts
     paths = (recording.motion_path, recording.audio_path, recording.transcript_path, *others)
     parts = [recording.speaker or "", *(files.sha256(path) if path else "" for path in paths)]
@@ -371,7 +382,7 @@ def input_digest(recording: Recording) -> str:
 
 
 def load_if_current(path: str | Path, config: Config, digest: str, with_motion: bool) -> Clip | None:
-    """The stored clip, without its motion, when it was made from these inputs with these settings; else None.
+    """Load a stored clip, without its motion, if it was made from these inputs and settings; else return None.
 
     DamagedError for one that is not as it was written.
     """
@@ -387,7 +398,10 @@ def load_if_current(path: str | Path, config: Config, digest: str, with_motion: 
 
 
 def save(path: str | Path, clip: Clip, config: Config, digest: str = "") -> None:
-    """Store a clip as `.npz` (README, file formats); digest : of its inputs, so that `run` can tell."""
+    """Store a clip as `.npz` (docs/files.md).
+
+    digest : of its inputs, so that `run` can tell whether the clip is current
+    """
     arrays = {
         "format_version": np.array(FORMAT_VERSION),
         "settings": np.array(config.section_json(*_SETTINGS)),
@@ -418,6 +432,7 @@ def save(path: str | Path, clip: Clip, config: Config, digest: str = "") -> None
             "acoustics_rate": np.array(clip.acoustics.rate),
         }
     if clip.motion is not None:
+        assert clip.source_frames is not None and clip.segment_starts is not None  # a clip with motion has both
         skeleton = clip.motion.skeleton
         joints, _ = select_joints(skeleton, config)
         arrays |= {
@@ -444,7 +459,7 @@ def save(path: str | Path, clip: Clip, config: Config, digest: str = "") -> None
 
 
 def load(path: str | Path, config: Config, with_motion: bool = True) -> Clip:
-    """Read a stored clip; DataError when it is missing, damaged or was made with other settings."""
+    """Read a stored clip; raises DataError when it is missing, damaged or was made with other settings."""
     path = Path(path)
     if not path.is_file():
         raise DataError(f"{path}: clip {path.stem} has not been preprocessed; run `gesturegen preprocess` first")
@@ -487,7 +502,7 @@ def load(path: str | Path, config: Config, with_motion: bool = True) -> Clip:
 
 
 def _is_measured(path: Path, stored: Mapping[str, np.ndarray], config: Config, what: str) -> bool:
-    """Whether the config asks for a measure of the voice, which then must be there, and be as it asks."""
+    """Tell whether the config asks for a measure of the voice; raises DataError where the file lacks it."""
     if not getattr(config, what).enabled:
         return False
     if f"{what}_settings" not in stored:
@@ -499,7 +514,7 @@ def _is_measured(path: Path, stored: Mapping[str, np.ndarray], config: Config, w
 
 
 def check_settings(path: Path, stored: str, wanted: str, command: str) -> None:
-    """DataError naming the first setting in which a stored file differs from the config."""
+    """Raise DataError that names the first setting in which a stored file differs from the config."""
     try:
         before, now = _leaves(json.loads(stored)), _leaves(json.loads(wanted))
     except (ValueError, RecursionError):
@@ -512,8 +527,8 @@ def check_settings(path: Path, stored: str, wanted: str, command: str) -> None:
             )
 
 
-def _leaves(value, name: str = "") -> dict:
-    """Settings by their full key path."""
+def _leaves(value: Any, name: str = "") -> dict:
+    """Flatten nested settings to a mapping from the full key path to the value."""
     if not isinstance(value, dict):
         return {name: value}
     found: dict = {}
@@ -522,18 +537,20 @@ def _leaves(value, name: str = "") -> dict:
     return found
 
 
-def _brief(value) -> str:
+def _brief(value: Any) -> str:
+    """Format a setting as JSON of at most 60 characters."""
     text = json.dumps(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _pack_positions(positions: np.ndarray) -> dict[str, np.ndarray]:
-    """Local positions: a constant for most joints, a track for the few that travel."""
+    """Pack local positions: a constant for most joints, a track for the few that travel."""
     moving = np.flatnonzero(np.ptp(positions, axis=0).max(axis=-1) > 0)
     return {"rest_positions": positions[0], "moving_joints": moving, "moving_positions": positions[:, moving]}
 
 
 def _unpack_positions(stored: Mapping[str, np.ndarray], n_frames: int) -> np.ndarray:
+    """Restore the local positions `[shape=(T, J, 3)]` that `_pack_positions` packed."""
     positions = np.tile(stored["rest_positions"], (n_frames, 1, 1))
     positions[:, stored["moving_joints"]] = stored["moving_positions"]
     return positions

@@ -1,4 +1,4 @@
-"""Key nodes: where soft gesture units begin and end (§4.1.1), and their features (§4.2.3)."""
+"""Key nodes: the bounds of soft gesture units (§4.1.1), and their features (§4.2.3)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class KeyNodes:
     kinds: np.ndarray
     keywords: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not len(self.frames) == len(self.kinds) == len(self.keywords):
             raise ValueError("key nodes need as many kinds and keywords as frames")
         for name in ("frames", "kinds", "keywords"):
@@ -39,7 +39,7 @@ class KeyNodes:
 
 
 def _merge(onsets: np.ndarray, words: tuple[np.ndarray, np.ndarray], breaks: np.ndarray) -> KeyNodes:
-    """One row per frame: keyword over onset over break."""
+    """Merge onsets, keywords and breaks to one row per frame: a keyword wins over an onset, an onset over a break."""
     rows = {int(frame): (BREAK, "") for frame in breaks}
     rows |= {int(frame): (ONSET, "") for frame in onsets}
     rows |= {int(frame): (KEYWORD, str(word)) for frame, word in zip(*words, strict=True)}
@@ -52,13 +52,13 @@ def _merge(onsets: np.ndarray, words: tuple[np.ndarray, np.ndarray], breaks: np.
 
 
 def of_speech(speech: Speech, keywords: Mapping[str, str]) -> KeyNodes:
-    """Onset and keyword frames of a test speech; it has no breaks."""
+    """Find the key nodes of a test speech: onset and keyword frames, no breaks."""
     words = keyword_frames(speech.words, keywords, speech.n_frames, speech.fps)
     return _merge(speech.onset_frames, words, np.empty(0, dtype=int))
 
 
 def of_reference(reference: Reference, keywords: Mapping[str, str]) -> KeyNodes:
-    """Key nodes of the frames of a reference.
+    """Find the key nodes of the frames of a reference.
 
     Onsets and keywords that fall on excluded frames are dropped; the last frame of every segment is a break.
     """
@@ -71,12 +71,12 @@ def of_reference(reference: Reference, keywords: Mapping[str, str]) -> KeyNodes:
 
 
 def speaking(speech: Speech, settings: Pauses) -> np.ndarray:
-    """bool `[shape=(n_frames,)]`: False in the pauses of a speech."""
+    """Tell which frames of a speech lie outside its pauses, bool `[shape=(n_frames,)]`."""
     return speaking_frames(
         speech.words, speech.onset_frames, speech.n_frames, speech.fps, settings.min_seconds, speech.voice
     )
 
 
 def reference_speaking(reference: Reference, settings: Pauses) -> np.ndarray:
-    """bool `[shape=(T,)]` for the frames of a reference that may be used: False in its pauses."""
+    """Tell which usable frames of a reference lie outside the pauses of its speech, bool `[shape=(T,)]`."""
     return speaking(reference.speech, settings)[reference.source_frames]

@@ -1,4 +1,4 @@
-"""Which recordings there are on disk, which may be used, and which reference serves which test clip (§3)."""
+"""Recordings on disk: which may be used, and which reference serves which test clip (§3)."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Recording:
 
 
 def reference_recordings(config: Config) -> list[Recording]:
-    """The recordings that may become references, without the blacklist; DataError when none is left."""
+    """List the recordings that may become references, without the blacklist; raises DataError when none is left."""
     folder = _reference_folder(config)
     found = [recording for recording in list_recordings(folder) if recording.motion_path]
     if not found:
@@ -55,18 +55,19 @@ def reference_recordings(config: Config) -> list[Recording]:
 
 
 def blacklisted_recordings(config: Config) -> list[Recording]:
-    """The recordings that the blacklist keeps from becoming references."""
+    """List the recordings that the blacklist keeps from becoming references."""
     recordings = [r for r in list_recordings(_reference_folder(config)) if r.motion_path]
     barred = _blacklisted(config, [recording.name for recording in recordings])
     return [recording for recording in recordings if recording.name in barred]
 
 
 def _blacklisted(config: Config, names: Sequence[str]) -> set[str]:
+    """Collect the names that the patterns of the blacklist match."""
     return {name for pattern in config.blacklist for name in matching(pattern, names)}
 
 
 def recordings_without_motion(config: Config) -> list[Recording]:
-    """Recordings among the references that lack a BVH file; none where tests lie in the same folder."""
+    """List recordings among the references that lack a BVH file; none where tests lie in the same folder."""
     folder = _reference_folder(config)
     if folder == _test_folder(config):
         return []
@@ -74,7 +75,7 @@ def recordings_without_motion(config: Config) -> list[Recording]:
 
 
 def test_recordings(config: Config) -> list[Recording]:
-    """The recordings whose speech is to be gestured; DataError when there is none."""
+    """List the recordings whose speech is to be gestured; raises DataError when there is none."""
     folder = _test_folder(config)
     found = [r for r in list_recordings(folder) if r.audio_path or r.transcript_path or r.unread_path]
     if not found:
@@ -85,19 +86,22 @@ def test_recordings(config: Config) -> list[Recording]:
 
 
 def folders(config: Config) -> list[Path]:
-    """The folders of references and tests, each once."""
+    """List the folders of references and tests, each once."""
     return list(dict.fromkeys((_reference_folder(config), _test_folder(config))))
 
 
 def _reference_folder(config: Config) -> Path:
+    """Locate the folder of the references."""
     return _folder(config.data.references, config.paths.data, config.data.reference_split, "reference")
 
 
 def _test_folder(config: Config) -> Path:
+    """Locate the folder of the tests."""
     return _folder(config.data.tests, config.paths.data, config.data.test_split, "test")
 
 
 def _folder(chosen: str | None, data: str, split: str, what: str) -> Path:
+    """Locate a folder of clips; raises DataError where it does not exist."""
     folder = Path(chosen) if chosen is not None else Path(data) / split
     if not inputs.is_dir(folder):
         key = f"data.{what}s" if chosen is not None else f"paths.data and data.{what}_split"
@@ -106,12 +110,12 @@ def _folder(chosen: str | None, data: str, split: str, what: str) -> Path:
 
 
 def list_recordings(folder: str | Path) -> list[Recording]:
-    """All recordings of a folder, sorted by name: GENEA's layout, `bvh`/`wav`/`tsv` folders, or files side by side."""
+    """List the recordings of a folder by name: GENEA's layout, `bvh`/`wav`/`tsv` folders, or files side by side."""
     return _look_into(folder)[0]
 
 
 def unused_files(folder: str | Path) -> list[Path]:
-    """The files of a folder, and of those for the kinds of files in it, of which no recording is made; sorted."""
+    """List the files beside the recordings that no recording is made of, sorted."""
     return _look_into(folder)[1]
 
 
@@ -125,7 +129,7 @@ _OTHER_SOUND = {
 
 
 def _look_into(folder: str | Path) -> tuple[list[Recording], list[Path]]:
-    """The recordings of a folder, and the files of which none is made."""
+    """List the recordings of a folder, and the files that no recording is made of."""
     folder = Path(folder)
     agent = folder / AGENT if inputs.is_dir(folder / AGENT) else folder
     problems: dict[str, str] = {}
@@ -165,18 +169,18 @@ def _look_into(folder: str | Path) -> tuple[list[Recording], list[Path]]:
 
 
 def _is_for_us(path: Path) -> bool:
-    """Whether somebody may expect that a file is used: no notes on the data such as README and LICENSE."""
+    """Tell whether somebody may expect that a file is used: not README, LICENSE and their like."""
     stem = path.stem.lower()
     return inputs.is_file(path) and not stem.startswith(("readme", "license", "licence", "copying", "changelog"))
 
 
 def _place(folder: Path, kind: str) -> Path:
-    """Where the files of one kind are: in a folder of that name, or in `folder` itself."""
+    """Locate the files of one kind: in a folder of that name, or in `folder` itself."""
     return folder / kind if inputs.is_dir(folder / kind) else folder
 
 
 def _listing(folder: Path, listed: dict[Path, list[Path]]) -> list[Path]:
-    """What a folder holds but for hidden files, kept in `listed`; DataError where that cannot be told."""
+    """List what a folder holds but for hidden files, kept in `listed`; raises DataError where it cannot be listed."""
     if folder not in listed:
         try:
             listed[folder] = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
@@ -190,7 +194,7 @@ def _listing(folder: Path, listed: dict[Path, list[Path]]) -> list[Path]:
 def _stems(
     folder: Path, extensions: tuple[str, ...], problems: dict[str, str], listed: dict[Path, list[Path]]
 ) -> dict[str, Path]:
-    """Files of one kind by clip name; a clip with two of them is noted in `problems`."""
+    """Map clip names to the files of one kind; a clip with two of them is noted in `problems`."""
     found: dict[str, Path] = {}
     for path in _listing(folder, listed):
         if path.suffix.lower() not in extensions:
@@ -209,7 +213,7 @@ def _stems(
 
 
 def _transcripts(agent: Path, problems: dict[str, str], listed: dict[Path, list[Path]]) -> dict[str, tuple[Path, ...]]:
-    """Transcripts by clip name, the one to be read first: in a folder named after their kind, or beside the sound."""
+    """Map clip names to transcripts, the preferred one first, of folders named after their kind or beside the sound."""
     kinds = {extension.removeprefix(".") for extension in transcripts.EXTENSIONS} | {"transcripts"}
     places = [path for path in _listing(agent, listed) if path.name.lower() in kinds and inputs.is_dir(path)]
     # A folder `tsv` means that transcripts are there.
@@ -226,12 +230,12 @@ def _transcripts(agent: Path, problems: dict[str, str], listed: dict[Path, list[
 
 
 def _is_copy(lossless: Path, path: Path) -> bool:
-    """Whether a sound file is the compressed copy of another, which is then taken."""
+    """Tell whether a sound file is the compressed copy of another, which is then preferred."""
     return lossless.suffix.lower() in audio.LOSSLESS and path.suffix.lower() in audio.COPIES
 
 
 def _speakers(path: Path) -> dict[str, str]:
-    """The speaker of each recording that `metadata.csv` tells of; none where there is no such file."""
+    """Read the speaker of each recording from `metadata.csv`; empty where there is no such file."""
     if not os.path.lexists(path):
         return {}
     wanted = {"prefix": False, f"{AGENT}_id": False}
@@ -250,27 +254,28 @@ def _speakers(path: Path) -> dict[str, str]:
 
 
 def is_listed(name: str, patterns: Sequence[str]) -> bool:
-    """Whether a clip's name, with or without `_main-agent`, is one of `patterns` (names or globs)."""
+    """Tell whether a clip's name, with or without `_main-agent`, is one of `patterns` (names or globs)."""
     return any(is_named(name, pattern) or any(fnmatchcase(n, pattern) for n in _names(name)) for pattern in patterns)
 
 
 def is_named(name: str, pattern: str) -> bool:
-    """Whether a pattern, taken to the letter, is a clip's name, with or without `_main-agent`."""
+    """Tell whether a pattern, taken to the letter, is a clip's name, with or without `_main-agent`."""
     return pattern in _names(name)
 
 
 def _names(name: str) -> tuple[str, str]:
+    """Return the two forms of a clip's name: with and without `_main-agent`."""
     return name, name.removesuffix(f"_{AGENT}")
 
 
 def matching(pattern: str, names: Iterable[str]) -> list[str]:
-    """The clips that a pattern means: those of that very name, else those that it matches as a glob."""
+    """List the clips that a pattern means: those of that very name, else those that it matches as a glob."""
     names = sorted(names)
     return [n for n in names if is_named(n, pattern)] or [n for n in names if is_listed(n, (pattern,))]
 
 
 def without_match(key: str, pattern: str, names: Iterable[str], what: str) -> str | None:
-    """One line on a name or pattern of the config that matches none of `names`, with the nearest; None for one that does.
+    """Describe a name or pattern of the config that matches none of `names`, and the nearest; None if it matches.
 
     key : where it stands; what : what the names are of, such as `reference clip`
     """
@@ -281,7 +286,7 @@ def without_match(key: str, pattern: str, names: Iterable[str], what: str) -> st
 
 
 def _nearest(name: str, names: Sequence[str]) -> str:
-    """Which of `names` may be meant, to stand at the end of an error."""
+    """Suggest which of `names` may be meant, as the end of an error message."""
     near = get_close_matches(name[:200], sorted({form for other in names for form in _names(other)}), n=1, cutoff=0.5)
     if near:
         return f"did you mean {near[0]!r}?"
@@ -300,7 +305,7 @@ def choose_references(
     durations: Mapping[str, float] | None = None,
     failed: Sequence[str] = (),
 ) -> dict[str, tuple[str, ...]]:
-    """The reference clips of each test clip, by `references.mode`, and no more than `references.seconds` asks for.
+    """Choose the reference clips of each test clip by `references.mode`, cut to `references.seconds`.
 
     references : name -> speaker; speakers : test name -> speaker. `per_test_clip` (the paper's) and `k` draw
     without replacement from the run seed over the sorted test names, reshuffling when the clips run out.
@@ -312,11 +317,13 @@ def choose_references(
     limit = config.references.seconds
     if limit is None:
         return chosen
+    if durations is None:
+        raise ValueError("references.seconds needs the durations of the references")
     return {test: _until(limit, hand, durations, config.fps) for test, hand in chosen.items()}
 
 
 def _until(limit: float, names: Sequence[str], durations: Mapping[str, float], fps: int) -> tuple[str, ...]:
-    """The first of `names` that together last `limit` seconds, to half a frame."""
+    """Take names in order until their clips together last `limit` seconds, to half a frame."""
     taken, left = [], limit
     for name in names:
         if left <= 0.5 / fps:
@@ -333,11 +340,13 @@ def _choose_by_mode(
     config: Config,
     failed: Sequence[str],
 ) -> dict[str, tuple[str, ...]]:
+    """Choose the reference clips of each test clip by `references.mode`, without a limit of their length."""
     names = sorted(references)
     mode = config.references.mode
     if mode == "all":
         return {test: tuple(names) for test in sorted(tests)}
     if mode == "list":
+        assert config.references.list_file is not None  # the settings demand it in this mode
         return _pinned(tests, names, Path(config.references.list_file), failed)
     if mode == "speaker":
         return {test: _of_speaker(test, speakers.get(test), references) for test in sorted(tests)}
@@ -358,6 +367,7 @@ def _choose_by_mode(
 
 
 def _of_speaker(test: str, speaker: str | None, references: Mapping[str, str | None]) -> tuple[str, ...]:
+    """List the references of the speaker of a test clip."""
     if speaker is None:
         raise DataError(
             f"clip {test}: no speaker in metadata.csv, which references.mode `speaker` needs; use another mode"
@@ -371,6 +381,7 @@ def _of_speaker(test: str, speaker: str | None, references: Mapping[str, str | N
 def _pinned(
     tests: Sequence[str], names: Sequence[str], path: Path, failed: Sequence[str]
 ) -> dict[str, tuple[str, ...]]:
+    """Read the references that a file pins to each test clip."""
     pins = strict_yaml.read(path, "check references.list")
     if not isinstance(pins, dict):
         raise ConfigError(f"{inputs.shown(path)}: expected `test clip: reference clip` lines")
@@ -401,7 +412,7 @@ def _pinned(
 
 
 def true_motions(config: Config, tests: Mapping[str, Recording]) -> dict[str, Path]:
-    """The BVH files of the true motion of test clips: beside their audio, or in `data.truth_split`.
+    """Map test clips to the BVH files of their true motion: beside their audio, or in `data.truth_split`.
 
     Without one, in a folder `truth` of the dataset, where there is one, as `demo-data` writes it.
     """

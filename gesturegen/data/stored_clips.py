@@ -1,4 +1,4 @@
-"""Stored clips of a work folder as references: read, cut to `references.seconds`, and told apart by what they hold."""
+"""Stored clips of a work folder as references: loaded, cut to `references.seconds`, identified by their checksums."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from gesturegen.workspace import clip_path
 
 
 def load_references(config: Config, names: Sequence[str]) -> list[clips.Reference]:
-    """Stored clips as references, in the order of their names here; cut where `references.seconds` are over."""
+    """Load stored clips as references, in the order of `names`, cut where `references.seconds` are over."""
     return [load_reference(config, name, limit) for name, limit in zip(names, limits(config, names), strict=True)]
 
 
 def load_reference(config: Config, name: str, limit: int | None = None) -> clips.Reference:
-    """A stored clip as a reference, of at most `limit` frames."""
+    """Load a stored clip as a reference of at most `limit` frames."""
     reference = clips.load(clip_path(config, name), config).reference(config)
     return reference if limit is None else _cut(reference, limit)
 
 
 def limits(config: Config, names: Sequence[str]) -> list[int | None]:
-    """How many frames of each stored clip are used: None for all of them."""
+    """Compute how many frames of each stored clip are used: None for all of them."""
     if config.references.seconds is None:
         return [None] * len(names)
     found, left = [], round(config.references.seconds * config.fps)
@@ -40,7 +40,7 @@ def limits(config: Config, names: Sequence[str]) -> list[int | None]:
 
 
 def _cut(reference: clips.Reference, n_frames: int) -> clips.Reference:
-    """The first frames of a reference; key nodes on the others are dropped like those on excluded frames."""
+    """Cut a reference to its first frames; key nodes on the others are dropped like those on excluded frames."""
     kept = np.arange(n_frames)  # a slice would keep the whole clip in memory
     return replace(
         reference,
@@ -51,12 +51,12 @@ def _cut(reference: clips.Reference, n_frames: int) -> clips.Reference:
 
 
 def digests(config: Config, names: Sequence[str]) -> tuple[str, ...]:
-    """What the stored clips hold, so that a graph knows when they changed."""
+    """List the checksums of stored clips, so that a graph knows when they changed."""
     return tuple(stored_digest(clip_path(config, name)) for name in names)
 
 
 def stored_digest(path: Path) -> str:
-    """The checksum of a stored file, after a look whether it is still right; DataError where there is none.
+    """Return the checksum of a stored file after checking it; raises DataError where there is none.
 
     A worker reads each state of a file once for this and for loading it: with large references that takes longer
     than a search.

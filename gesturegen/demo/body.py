@@ -1,4 +1,4 @@
-"""The whole body over a clip: posture sway, head, planted feet, and arms that follow the hand plans."""
+"""The motion of the demo's whole body: posture sway, head, planted feet, and arms that follow the hand plans."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ class _Pose:
         self.rotations[:, self.body.index(name)] = quaternions
 
     def get(self, name: str) -> np.ndarray:
-        """The rotations `[shape=(T, 4)]` of the joint `name`."""
+        """Return the rotations `[shape=(T, 4)]` of the joint `name`."""
         return self.rotations[:, self.body.index(name)]
 
     def offset(self, name: str) -> np.ndarray:
-        """OFFSET of the joint `name` in cm `[shape=(3,)]`."""
+        """Return the OFFSET of the joint `name` in cm `[shape=(3,)]`."""
         return self.body.offsets[self.body.index(name)]
 
 
 def make_motion(rng: np.random.Generator, speaker: Speaker, script: Script, n: int) -> Motion:
-    """Motion of `n` frames at 30 fps: gestures on stressed syllables, hands at rest in the long pauses."""
+    """Make the motion of `n` frames at 30 fps: gestures on stressed syllables, hands at rest in the long pauses."""
     hands, strokes = plan_gestures(rng, speaker, script)
     times = np.arange(n) / FPS
     quiet = tuple((start - 0.1, end - 0.1) for start, end in script.rests if end - start > 1.2)
@@ -67,7 +67,7 @@ def make_motion(rng: np.random.Generator, speaker: Speaker, script: Script, n: i
 
 
 def _stand(rng: np.random.Generator, pose: _Pose, times: np.ndarray, activity: np.ndarray) -> None:
-    """The pelvis: a place and heading of its own per clip, slow sway, livelier while speaking."""
+    """Place the pelvis: a position and heading per clip, slow sway, livelier while speaking."""
     n = len(times)
     slow, lively = paced_noise(rng, activity, FPS, 0.08, 6), smooth_noise(rng, n, FPS, 0.5, 6)
     lively *= activity[:, None]
@@ -85,7 +85,7 @@ def _stand(rng: np.random.Generator, pose: _Pose, times: np.ndarray, activity: n
 def _bend_trunk(
     rng: np.random.Generator, pose: _Pose, times: np.ndarray, activity: np.ndarray, strokes: list[Stroke]
 ) -> None:
-    """Spine: lean, sway, breathing, and a little of every stroke."""
+    """Bend the spine: lean, sway, breathing, and a little of every stroke."""
     n = len(times)
     angles = np.array([3.0, 4.0, 2.5]) * paced_noise(rng, activity, FPS, 0.1, 3)
     angles += np.array([3.0, 5.5, 3.0]) * activity[:, None] * smooth_noise(rng, n, FPS, 0.6, 3)
@@ -110,7 +110,7 @@ def _turn_head(
     script: Script,
     strokes: list[Stroke],
 ) -> None:
-    """Head: gaze shifts at phrase starts, nods on stress, and slow wandering."""
+    """Turn the head: gaze shifts at phrase starts, nods on stress, and slow wandering."""
     n = len(times)
     gaze = []
     for start, _ in script.phrases:
@@ -129,7 +129,7 @@ def _turn_head(
 def _foot_paths(
     rng: np.random.Generator, pose: _Pose, times: np.ndarray
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Where the ankles are `[shape=(T, 3)]` and how far the feet are turned `[shape=(T,)]`, by side.
+    """Plan the ankles `[shape=(T, 3)]` and the turns of the feet `[shape=(T,)]`, by side.
 
     The feet stay where they stand, and now and then one of them steps a few centimetres.
     """
@@ -147,7 +147,7 @@ def _foot_paths(
         soon = int((time + 0.5) * FPS)
         misplaced = {side: homes[side][soon] - steps[side][-1].target for side in _SIDES}
         lag = {side: np.linalg.norm(miss[:3]) + 20.0 * abs(miss[3]) for side, miss in misplaced.items()}
-        side = max(lag, key=lag.get)
+        side = max(lag, key=lag.__getitem__)
         if lag[side] > _STEP_FROM:
             arc = np.array([0.0, rng.uniform(1.5, 3.5), 0.0, 0.0])
             steps[side].append(Move(time, time + rng.uniform(0.45, 0.65), homes[side][soon], arc))
@@ -157,7 +157,7 @@ def _foot_paths(
 
 
 def _plant_feet(pose: _Pose, paths: dict[str, np.ndarray], turns: dict[str, np.ndarray]) -> None:
-    """Legs by two-bone kinematics, from the moving pelvis to the standing ankles."""
+    """Pose the legs by two-bone kinematics, from the moving pelvis to the standing ankles."""
     down, forward = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
     pelvis = pose.get("b_root")
     centre = pose.root_path + pose.offset("b_root")
@@ -180,7 +180,7 @@ def _plant_feet(pose: _Pose, paths: dict[str, np.ndarray], turns: dict[str, np.n
 def _hand_paths(
     rng: np.random.Generator, times: np.ndarray, hands: dict[str, HandPlan], activity: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """The hand paths `[shape=(T, 10)]` of the plans with drift, clear of the trunk and of each other."""
+    """Compute the hand paths `[shape=(T, 10)]` of the plans with drift, clear of the trunk and of each other."""
     n = len(times)
     paths = {}
     for side in _SIDES:
@@ -203,7 +203,7 @@ def _hand_paths(
 def _move_arm(
     rng: np.random.Generator, pose: _Pose, side: str, sign: float, path: np.ndarray, activity: np.ndarray
 ) -> None:
-    """One arm and its fingers, from the hand path `[shape=(T, 10)]` of `shapes.py`."""
+    """Pose one arm and its fingers after the hand path `[shape=(T, 10)]` of `shapes.py`."""
     n = len(path)
     target = path[:, :3] * (sign, 1.0, 1.0)
     # The collar bone follows a hand that rises or reaches.
@@ -241,7 +241,7 @@ def _outside_torso(places: np.ndarray) -> np.ndarray:
 def _curl_fingers(
     rng: np.random.Generator, pose: _Pose, side: str, sign: float, curls: np.ndarray, activity: np.ndarray
 ) -> None:
-    """Fingers of one hand from their curls `[shape=(T, 5)]` in radians, with a little movement of their own."""
+    """Bend the fingers of one hand by their curls `[shape=(T, 5)]` in radians, with a little random movement."""
     noise = smooth_noise(rng, len(curls), FPS, 0.7, 5) * 0.05 * (0.3 + 0.7 * activity[:, None])
     for finger, curl in zip(_FINGERS, (curls + noise).T, strict=True):
         # A thumb folds across the palm, about Y; fingers curl towards it, about Z.

@@ -10,7 +10,7 @@ from scipy.signal import butter, sosfiltfilt
 
 @dataclass(frozen=True, eq=False)
 class Move:
-    """Go to `target` `[shape=(K,)]` between two times in seconds, bulging by `arc` `[shape=(K,)]` midway."""
+    """A move to `target` `[shape=(K,)]` between two times in seconds, bulging by `arc` `[shape=(K,)]` midway."""
 
     start: float
     end: float
@@ -19,7 +19,7 @@ class Move:
 
 
 def follow(times: np.ndarray, base: np.ndarray, moves: list[Move]) -> np.ndarray:
-    """The curve `[shape=(T, K)]` that starts at `base` and makes `moves` one after the other.
+    """Compute the curve `[shape=(T, K)]` that starts at `base` and makes `moves` one after the other.
 
     Each move adds its difference from the previous target on a minimum-jerk profile 10 s^3 - 15 s^4 + 6 s^5
     (Flash and Hogan 1985), so moves that overlap in time blend and nothing ever snaps.
@@ -37,7 +37,7 @@ def follow(times: np.ndarray, base: np.ndarray, moves: list[Move]) -> np.ndarray
 
 
 def bumps(times: np.ndarray, centres: np.ndarray, heights: np.ndarray, width: float) -> np.ndarray:
-    """Sum of Gaussian bumps `[shape=(T,)]` at `centres` seconds with standard deviation `width` seconds."""
+    """Sum Gaussian bumps `[shape=(T,)]` at `centres` seconds with standard deviation `width` seconds."""
     values = np.zeros(len(times))
     for centre, height in zip(centres, heights, strict=True):
         first, last = np.searchsorted(times, (centre - 4.0 * width, centre + 4.0 * width))
@@ -46,7 +46,7 @@ def bumps(times: np.ndarray, centres: np.ndarray, heights: np.ndarray, width: fl
 
 
 def smooth_noise(rng: np.random.Generator, n: int, fps: float, cutoff: float, columns: int) -> np.ndarray:
-    """Noise `[shape=(n, columns)]` below `cutoff` Hz, standard deviation about 1."""
+    """Draw noise `[shape=(n, columns)]` below `cutoff` Hz, standard deviation about 1."""
     pad = round(2.0 * fps / cutoff)
     sections = butter(2, cutoff, fs=fps, output="sos")
     noise = sosfiltfilt(sections, rng.standard_normal((n + 2 * pad, columns)), axis=0)[pad : pad + n]
@@ -55,7 +55,7 @@ def smooth_noise(rng: np.random.Generator, n: int, fps: float, cutoff: float, co
 
 
 def paced_noise(rng: np.random.Generator, pace: np.ndarray, fps: float, cutoff: float, columns: int) -> np.ndarray:
-    """Smooth noise `[shape=(T, columns)]` that runs through its course at `pace` `[shape=(T,)]`, 1 being usual."""
+    """Draw smooth noise `[shape=(T, columns)]` that passes at `pace` `[shape=(T,)]` times the usual speed."""
     n = len(pace)
     noise = smooth_noise(rng, n, fps, cutoff, columns)
     places = np.cumsum(pace) - pace[0]
@@ -63,7 +63,7 @@ def paced_noise(rng: np.random.Generator, pace: np.ndarray, fps: float, cutoff: 
 
 
 def smooth_gate(times: np.ndarray, closed: tuple[tuple[float, float], ...], flank: float) -> np.ndarray:
-    """1 in the open, 0 inside the `closed` intervals (seconds), with minimum-jerk flanks inside them."""
+    """Compute a gate: 0 inside the `closed` intervals (seconds), else 1, with minimum-jerk flanks inside them."""
     gate = np.ones(len(times))
     for start, end in closed:
         s = np.clip(np.minimum((times - start) / flank, (end - times) / flank), 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""The demo dataset in the GENEA layout: which clips there are, and writing them."""
+"""The demo dataset in the GENEA layout: its list of clips, and writing them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _SPLIT_NUMBERS = {"trn": 0, "tst": 1}
 
 @dataclass(frozen=True)
 class ClipSpec:
-    """One clip to make; the clip depends on these five values alone.
+    """The specification of one clip, which depends on these five values alone.
 
     split : "trn" or "tst"; index : number within the split; seconds : length, a whole number of samples
     seed : of the dataset; speaker : 1 to SPEAKERS
@@ -56,7 +56,7 @@ def clip_specs(
     reference_seconds: tuple[float, float] = (60.0, 120.0),
     test_seconds: tuple[float, float] = (60.0, 77.0),
 ) -> list[ClipSpec]:
-    """All clips of a dataset, references first; a clip's spec does not depend on how many others there are.
+    """List all clips of a dataset, references first; a clip's spec does not depend on how many others there are.
 
     Lengths are skewed to the short end, as in the challenge: the mean lies 30 % (references) or 15 % (tests)
     into the range.
@@ -64,6 +64,7 @@ def clip_specs(
     if references < 0 or tests < 0 or seed < 0:
         raise ConfigError(f"references {references}, tests {tests}, seed {seed}: none may be negative")
     specs = []
+    ranges: tuple[tuple[Literal["trn", "tst"], int, tuple[float, float], float], ...]
     ranges = (("trn", references, reference_seconds, 0.30), ("tst", tests, test_seconds, 0.15))
     for split, count, (shortest, longest), mean in ranges:
         if not 10.0 <= shortest <= longest <= 3600.0:
@@ -96,7 +97,7 @@ def write_clip(folder: str | Path, spec: ClipSpec) -> list[Path]:
 
 
 def write_metadata(folder: str | Path, specs: list[ClipSpec]) -> list[Path]:
-    """`metadata.csv` of both splits, in the challenge's columns. Returns the paths."""
+    """Write `metadata.csv` of both splits, in the challenge's columns. Returns the paths."""
     paths = []
     for split in _SPLIT_NUMBERS:
         rows = ["prefix,main-agent_id,main-agent_has_fingers,interloctr_id,interloctr_has_fingers"]

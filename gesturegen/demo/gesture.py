@@ -1,4 +1,4 @@
-"""What the hands do: rest, preparation, stroke, hold, retraction, timed by the stressed syllables."""
+"""The plan of the hands: rest, preparation, stroke, hold, retraction, timed by the stressed syllables."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _NO_ARC = np.zeros(10)
 
 @dataclass(frozen=True)
 class Stroke:
-    """A stroke whose speed peaks at `time` (seconds): its hands ("r", "l" or "rl") and the syllable's stress."""
+    """A stroke that is fastest at `time` (seconds): its hands ("r", "l" or "rl") and the syllable's stress."""
 
     time: float
     hands: str
@@ -56,7 +56,7 @@ class Beat:
 def plan_gestures(
     rng: np.random.Generator, speaker: Speaker, script: Script
 ) -> tuple[dict[str, HandPlan], list[Stroke]]:
-    """Moves of both hands over the clip, starting at rest, and the strokes among them."""
+    """Plan the moves of both hands over the clip, starting at rest, and list the strokes among them."""
     rest = _rest_poses(rng, speaker)
     hands = {side: HandPlan(rest[side], rest[side]) for side in "rl"}
     strokes: list[Stroke] = []
@@ -77,7 +77,7 @@ def plan_gestures(
 
 
 def _rest_poses(rng: np.random.Generator, speaker: Speaker) -> dict[str, np.ndarray]:
-    """Where the hands rest this time: mostly the speaker's habit, now and then the other way."""
+    """Choose where the hands rest this time: mostly the speaker's habit, now and then the other way."""
     folded = speaker.folded == (rng.random() < 0.75)
     poses = {}
     for side in "rl":
@@ -90,7 +90,7 @@ def _rest_poses(rng: np.random.Generator, speaker: Speaker) -> dict[str, np.ndar
 
 
 def _choose_beats(rng: np.random.Generator, script: Script, begin: float, end: float) -> list[Beat]:
-    """Stressed syllables of a stretch of speech, at least about half a second apart; keywords come first."""
+    """Choose stressed syllables of a stretch of speech, at least about half a second apart; keywords come first."""
     found: list[Beat] = []
     for word in script.words:
         if not begin <= word.start < end or not word.syllables:
@@ -120,7 +120,7 @@ def _make_stroke(
     amplitude = speaker.amplitude * (0.8 + 0.7 * beat.stress)
     lead = "r" if rng.random() < speaker.right_share else "l"
     named = beat.keyword is not None
-    shape = shapes.keyword_shape(beat.keyword, lead) if named else shapes.free_shape(rng, amplitude)
+    shape = shapes.free_shape(rng, amplitude) if beat.keyword is None else shapes.keyword_shape(beat.keyword, lead)
     both = shape.both or (not named and rng.random() < speaker.both_share)
     other = "l" if lead == "r" else "r"
     length = float(np.clip(rng.normal(0.46, 0.06), 0.34, 0.6))
@@ -142,7 +142,7 @@ def _make_stroke(
 def _stroke_hand(
     rng: np.random.Generator, hand: HandPlan, shape: Shape, time: float, length: float, share: float, named: bool
 ) -> None:
-    """One hand's preparation, stroke and after-strokes; `share` below 1 draws the shape towards NEUTRAL.
+    """Plan one hand's preparation, stroke and after-strokes; `share` below 1 draws the shape towards NEUTRAL.
 
     named : the shape belongs to a keyword and is not to be altered
     """
@@ -181,7 +181,7 @@ def _stroke_hand(
 
 
 def _relax(rng: np.random.Generator, hand: HandPlan) -> None:
-    """After a hold, sink half-way towards the neutral place."""
+    """Let a hand sink half-way towards the neutral place after a hold."""
     start = hand.free + rng.uniform(0.0, 0.2)
     target = 0.4 * hand.at + 0.6 * shapes.NEUTRAL
     target[1] -= rng.uniform(0.0, 4.0)
@@ -191,7 +191,7 @@ def _relax(rng: np.random.Generator, hand: HandPlan) -> None:
 def _hand_vector(
     rng: np.random.Generator, point: tuple[float, float, float, float], fingers: tuple[float, ...], share: float
 ) -> np.ndarray:
-    """A way point as a hand vector `[shape=(10,)]`, a little off the mark, inside the gesture space."""
+    """Make a hand vector `[shape=(10,)]` of a way point, a little off the mark, inside the gesture space."""
     vector = np.array([*point, 0.0, *fingers])
     vector[:3] += rng.normal(0.0, 1.3, 3)
     vector[3:5] += rng.normal(0.0, 0.08, 2)

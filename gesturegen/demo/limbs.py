@@ -1,4 +1,4 @@
-"""Arms and legs as two-bone chains: from where a hand or foot should be to joint rotations."""
+"""Arms and legs as two-bone chains: joint rotations from the place where a hand or foot should be."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def two_bone(
 
 
 def align(bone: np.ndarray, side: np.ndarray, direction: np.ndarray, facing: np.ndarray) -> np.ndarray:
-    """Quaternions `[shape=(T, 4)]` that turn `bone` to `direction` and `side` to `facing`.
+    """Compute quaternions `[shape=(T, 4)]` that turn `bone` to `direction` and `side` to `facing`.
 
     bone, side : unit vectors at right angles [shape=(3,)]; direction, facing : likewise [shape=(T, 3)].
     """
@@ -60,7 +60,7 @@ def align(bone: np.ndarray, side: np.ndarray, direction: np.ndarray, facing: np.
 
 
 def about(axis: int, angles: np.ndarray) -> np.ndarray:
-    """Quaternions that turn by `angles` (radians) about axis 0, 1 or 2."""
+    """Compute quaternions that turn by `angles` (radians) about axis 0, 1 or 2."""
     vectors = np.zeros((*np.shape(angles), 3))
     vectors[..., axis] = angles
     return rotation.from_expmap(vectors)

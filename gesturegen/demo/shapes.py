@@ -1,4 +1,4 @@
-"""Gesture shapes: where the hands go in a stroke, as numbers.
+"""Gesture shapes: the way points of the hands in a stroke, as numbers.
 
 A hand is a vector of 10: x outward, y up, z forward in cm from the chest joint (`b_spine3`), the forearm's roll
 (negative: palm up) and the wrist's bend in radians, and the curl of the thumb and four fingers in radians
@@ -26,7 +26,7 @@ NEUTRAL = np.array([18.0, -27.0, 30.0, 0.10, -0.05, *RELAXED])
 
 @dataclass(frozen=True)
 class Shape:
-    """A stroke: the hand's way points (x, y, z, roll), the fingers, and whether both hands make it.
+    """The shape of a stroke: the hand's way points (x, y, z, roll), the fingers, and whether both hands make it.
 
     The first way point ends the preparation; the stroke goes to the second, and on to any others.
     """
@@ -73,14 +73,14 @@ KEYWORDS: dict[str, Shape] = {
 
 
 def keyword_shape(word: str, hand: str) -> Shape:
-    """The shape of a keyword for hand "r" or "l": mirrored, but east stays to the speaker's right."""
+    """Return the shape of a keyword for hand "r" or "l": mirrored, but east stays to the speaker's right."""
     if hand == "l":
         word = {"east": "west", "west": "east"}.get(word, word)
     return KEYWORDS[word]
 
 
 def free_shape(rng: np.random.Generator, amplitude: float) -> Shape:
-    """A stroke without a meaning of its own: a beat, sweep, raise, push or circle somewhere before the body."""
+    """Draw the shape of a stroke without a meaning: a beat, sweep, raise, push or circle somewhere before the body."""
     x, y, z = np.array([18.0, -25.0, 31.0]) + rng.normal(0.0, (5.0, 7.5, 3.5))
     size = amplitude * rng.uniform(0.9, 1.6)
     roll = rng.normal(-0.1, 0.35)

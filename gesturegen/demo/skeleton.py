@@ -1,4 +1,4 @@
-"""A GENEA-like skeleton: the challenge's 83 joints, names, hierarchy and channels, with round offsets of our own."""
+"""A GENEA-like skeleton: the challenge's 83 joints, names, hierarchy and channels, with round offsets of our making."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ body_world 0 0 0
 
 @cache
 def skeleton() -> Skeleton:
-    """The demo skeleton: 83 joints of six channels each, 27 End Sites."""
+    """Build the demo skeleton: 83 joints of six channels each, 27 End Sites."""
     names: list[str] = []
     parents: list[int] = []
     offsets: list[list[float]] = []

@@ -1,4 +1,4 @@
-"""The demo's speakers: how each sounds and moves."""
+"""The demo's speakers: the sound of each voice and the style of its gestures."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ SPEAKERS = 6
 
 @dataclass(frozen=True)
 class Speaker:
-    """number : 1 to SPEAKERS, as in metadata.csv
+    """The voice and the gesture style of one speaker.
+
+    number : 1 to SPEAKERS, as in metadata.csv
     pitch : mean f0 in Hz; tract : formant scale, above 1 for a shorter vocal tract; rate : speech rate, 1 is usual
     amplitude : gesture size, 1 is usual; right_share : share of one-handed gestures made by the right hand
     both_share : share of gestures made by both hands; folded : hands rest before the belly, else hang
@@ -28,7 +30,7 @@ class Speaker:
 
 
 def speaker(number: int, seed: int) -> Speaker:
-    """Speaker `number` of the dataset made with `seed`; does not depend on any clip."""
+    """Draw speaker `number` of the dataset made with `seed`; the result does not depend on any clip."""
     rng = np.random.default_rng([seed, 9, number])
     high = number % 2 == 0
     return Speaker(

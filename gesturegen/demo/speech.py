@@ -1,4 +1,4 @@
-"""What the demo speakers say and when: sentences, syllables, stress and pauses."""
+"""The words of the demo speakers and their times: sentences, syllables, stress and pauses."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class SpokenWord:
 
 @dataclass(frozen=True)
 class Script:
-    """All that is said in a clip.
+    """All the words of a clip, with their times.
 
     seconds : length of the clip
     words : in order of time, not overlapping
@@ -92,7 +92,7 @@ class Script:
 
 
 def _spellings() -> tuple[dict[str, tuple[str, ...]], dict[str, list[str]]]:
-    """Syllables of every word, and the words of every category."""
+    """Load the syllables of every word, and the words of every category."""
     syllables: dict[str, tuple[str, ...]] = {}
     categories: dict[str, list[str]] = {}
     for category, text in _WORDS.items():
@@ -145,7 +145,7 @@ def write_script(rng: np.random.Generator, speaker: Speaker, seconds: float) -> 
 
 
 def _clip_vocabulary(rng: np.random.Generator) -> dict[str, list[str]]:
-    """The words of one clip: of every keyword category about two thirds, of the others all."""
+    """Draw the words of one clip: of every keyword category about two thirds, of the others all."""
     chosen = {}
     for category, words in CATEGORIES.items():
         keep = max(1, round(len(words) * rng.uniform(0.45, 0.9))) if category in _KEYWORD_CATEGORIES else len(words)
@@ -154,7 +154,7 @@ def _clip_vocabulary(rng: np.random.Generator) -> dict[str, list[str]]:
 
 
 def _sentence(rng: np.random.Generator, vocabulary: dict[str, list[str]]) -> list[str]:
-    """The words of a random template, its slots filled from `vocabulary`."""
+    """Draw the words of a random template, its slots filled from `vocabulary`."""
     lines = [line.split() for line in _TEMPLATES.strip().splitlines()]
     sentence = []
     for part in lines[rng.integers(len(lines))]:
@@ -190,27 +190,31 @@ def _speak(rng: np.random.Generator, speaker: Speaker, sentence: list[str], star
 
 
 def _laughter(rng: np.random.Generator, start: float) -> SpokenWord:
-    """About a second of laughter from `start` seconds."""
+    """Make about a second of laughter from `start` seconds."""
     start = round(start, 3)
     return SpokenWord("#", start, round(start + rng.uniform(0.6, 1.1), 3), ())
 
 
 def _split_syllable(spelling: str) -> tuple[str, str, str]:
-    """Consonants, vowels, consonants of a syllable as spelled; `y` is a vowel where no other is."""
+    """Split a syllable as spelled into consonants, vowels, consonants; `y` is a vowel where no other is."""
     vowels = "aeiou" if re.search("[aeiou]", spelling.lower()) else "aeiouy"
     match = re.match(rf"([^{vowels}]*)([{vowels}]*)(.*)", spelling.lower())
-    return match.groups()
+    assert match is not None  # the pattern fits any text
+    return match[1], match[2], match[3]
 
 
 def consonants_and_vowel(syllable: Syllable) -> tuple[str, str, str]:
-    """The consonants before the vowel, the first vowel letter, and the consonants after it."""
+    """Return the consonants before the vowel, the first vowel letter, and the consonants after it."""
     before, vowel, after = _split_syllable(syllable.text)
     # The e of "take" is silent.
     return before, (vowel or "e")[0].replace("y", "i"), re.sub("e$", "", after)
 
 
 def format_tsv(script: Script) -> str:
-    """`start<TAB>end<TAB>text` in seconds, one word a line, no header; sentences have a capital and a full stop."""
+    """Format a script as lines `start<TAB>end<TAB>text` in seconds, one word a line, no header.
+
+    Sentences have a capital and a full stop.
+    """
     starts, ends = (set(times) for times in zip(*script.phrases, strict=True))
     lines = []
     for word in script.words:
@@ -221,5 +225,5 @@ def format_tsv(script: Script) -> str:
 
 
 def stressed_times(script: Script, least: float = 0.5) -> np.ndarray:
-    """Vowel starts in seconds of the syllables stressed at least `least`."""
+    """List the vowel starts in seconds of the syllables stressed at least `least`."""
     return np.array([s.vowel_start for word in script.words for s in word.syllables if s.stress >= least])

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.signal import oaconvolve, sosfilt
 
 from gesturegen.demo.speaker import Speaker
-from gesturegen.demo.speech import Script, consonants_and_vowel
+from gesturegen.demo.speech import Script, Syllable, consonants_and_vowel
 
 SAMPLE_RATE = 16000
 
@@ -35,7 +35,7 @@ _ROOM_SECONDS = 0.08
 
 
 def synthesize(rng: np.random.Generator, speaker: Speaker, script: Script) -> np.ndarray:
-    """Samples of the whole script at SAMPLE_RATE `[shape=(round(seconds * SAMPLE_RATE),)]`, within -1 to 1."""
+    """Synthesize a whole script: samples at SAMPLE_RATE `[shape=(round(seconds * SAMPLE_RATE),)]`, within -1 to 1."""
     n = round(script.seconds * SAMPLE_RATE)
     gates = {vowel: np.zeros(n) for vowel in _FORMANTS}
     noise_gates = {"burst": np.zeros(n), "hiss": np.zeros(n), "breath": np.zeros(n)}
@@ -60,7 +60,7 @@ def synthesize(rng: np.random.Generator, speaker: Speaker, script: Script) -> np
 
 
 def _room(rng: np.random.Generator) -> np.ndarray:
-    """Impulse response of a small room: the direct sound, then a decaying tail.
+    """Make the impulse response of a small room: the direct sound, then a decaying tail.
 
     Without it the gaps between syllables would be silent, and every syllable a far stronger onset than in
     a recorded voice.
@@ -73,7 +73,7 @@ def _room(rng: np.random.Generator) -> np.ndarray:
 
 
 def _source(rng: np.random.Generator, speaker: Speaker, script: Script, n: int) -> np.ndarray:
-    """A pulse train whose pitch falls over every phrase and rises on stress, with a little vibrato."""
+    """Make a pulse train whose pitch falls over every phrase and rises on stress, with a little vibrato."""
     times = np.arange(0.0, n / SAMPLE_RATE + 0.01, 0.01)
     pitch = np.full(len(times), speaker.pitch)
     for start, end in script.phrases:
@@ -92,7 +92,9 @@ def _source(rng: np.random.Generator, speaker: Speaker, script: Script, n: int) 
     return np.cos(np.pi * phase) ** _PULSE_POWER - np.sqrt(2.0 / (np.pi * _PULSE_POWER))
 
 
-def _add_syllable(rng, gates, noise_gates, syllable) -> None:
+def _add_syllable(
+    rng: np.random.Generator, gates: dict[str, np.ndarray], noise_gates: dict[str, np.ndarray], syllable: Syllable
+) -> None:
     """Open the gates of one syllable: consonants before the vowel, the vowel, consonants after it."""
     before, vowel, after = consonants_and_vowel(syllable)
     level = 0.4 + 0.7 * syllable.stress
@@ -112,8 +114,10 @@ def _add_syllable(rng, gates, noise_gates, syllable) -> None:
         _gate(gates["n"], end - 0.05, end, 0.02, 0.02, 0.3 * level)
 
 
-def _add_laughter(rng, gates, noise_gates, start: float, end: float) -> None:
-    """A row of breathy voiced bursts about five a second, fading."""
+def _add_laughter(
+    rng: np.random.Generator, gates: dict[str, np.ndarray], noise_gates: dict[str, np.ndarray], start: float, end: float
+) -> None:
+    """Add a row of breathy voiced bursts about five a second, fading."""
     beats = np.arange(start, end - 0.08, rng.uniform(0.16, 0.22))
     for beat, level in zip(beats, np.linspace(0.9, 0.3, len(beats)), strict=True):
         _gate(gates["a"], beat, beat + 0.09, 0.015, 0.05, level)
@@ -134,7 +138,7 @@ def _gate(target: np.ndarray, start: float, end: float, attack: float, release: 
 
 
 def _formant_filter(formants: tuple[int, ...], tract: float) -> np.ndarray:
-    """Second-order sections of a cascade of resonators with gain 1 at 0 Hz (Klatt 1980)."""
+    """Design second-order sections of a cascade of resonators with gain 1 at 0 Hz (Klatt 1980)."""
     sections = []
     for frequency, bandwidth in zip((*formants, *_UPPER_FORMANTS), _BANDWIDTHS, strict=True):
         radius = np.exp(-np.pi * bandwidth / SAMPLE_RATE)
@@ -144,6 +148,6 @@ def _formant_filter(formants: tuple[int, ...], tract: float) -> np.ndarray:
 
 
 def _high_pass() -> np.ndarray:
-    """A one-zero, resonant emphasis around 5 kHz: the hiss of s and f."""
+    """Emphasise the band around 5 kHz by one zero and a resonance: the hiss of s and f."""
     radius, cosine = 0.75, np.cos(2.0 * np.pi * 5000.0 / SAMPLE_RATE)
     return np.array([[1.0, -1.0, 0.0, 1.0, -2.0 * radius * cosine, radius**2]])

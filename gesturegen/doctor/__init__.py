@@ -1,4 +1,4 @@
-"""What is wrong with a data set, and what can be done with it.
+"""The examination of a data set: its faults, and what can be done with it.
 
 `lag` measures whether sound and motion run together, `examination` looks at one recording, `dataset` at all of them
 together, `page` shows the findings.

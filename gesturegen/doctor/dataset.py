@@ -1,4 +1,4 @@
-"""A whole data set as a doctor looks at it: what sets a recording apart from the others, and what can be done with all."""
+"""The examination of a whole data set: how its recordings differ, and what each method could do with them."""
 
 from __future__ import annotations
 
@@ -12,41 +12,46 @@ from gesturegen.inputs import shown
 from gesturegen.joints import settings_for
 from gesturegen.methods import METHODS
 from gesturegen.methods.method import Material
+from gesturegen.motion.skeleton import Skeleton
 from gesturegen.remembered import changed_yaml
 from gesturegen.settings.models import Config
 
 
-def _difference(one: Examined, other: Examined, config: Config) -> str | None:
-    """What keeps two recordings from sharing a graph, in words."""
-    return one.skeleton.difference(other.skeleton, offset_tolerance(one.skeleton, config))
+def _difference(one: Skeleton, other: Skeleton, config: Config) -> str | None:
+    """Describe what keeps recordings of two skeletons from sharing a graph; None where nothing does."""
+    return one.difference(other, offset_tolerance(one, config))
 
 
 def compare(examined: Mapping[str, Examined], config: Config) -> None:
-    """Add to each recording with motion what sets it apart from most others: skeleton and frame rate."""
-    having = [one for _, one in sorted(examined.items()) if one.skeleton is not None]
+    """Add to each recording with motion how it differs from most others: skeleton and frame rate."""
+    having = [
+        (one, one.skeleton, one.fps)
+        for _, one in sorted(examined.items())
+        if one.skeleton is not None and one.fps is not None
+    ]
     if len(having) < 2:
         return
-    groups: list[list[Examined]] = []
-    for one in having:
-        group = next((g for g in groups if _difference(g[0], one, config) is None), None)
-        groups.append([one]) if group is None else group.append(one)
-    usual = max(groups, key=len)
-    for group in groups:
-        if group is not usual:
-            what = _difference(usual[0], group[0], config)
-            for one in group:
+    groups: list[tuple[Skeleton, list[Examined]]] = []
+    for one, skeleton, _ in having:
+        group = next((members for first, members in groups if _difference(first, skeleton, config) is None), None)
+        groups.append((skeleton, [one])) if group is None else group.append(one)
+    usual, most = max(groups, key=lambda group: len(group[1]))
+    for skeleton, members in groups:
+        if members is not most:
+            what = _difference(usual, skeleton, config)
+            for one in members:
                 one.add(
                     "other skeleton",
-                    f"another skeleton than {len(usual)} of {len(having)}: {what}",
+                    f"another skeleton than {len(most)} of {len(having)}: {what}",
                     "use each skeleton's recordings by themselves, or retarget",
                 )
-    rates = Counter(round(one.fps, 3) for one in having)
+    rates = Counter(round(fps, 3) for _, _, fps in having)
     rate, _ = max(rates.items(), key=lambda item: (item[1], -item[0]))
-    for one in having:
-        if abs(one.fps - rate) > 1e-3 * rate:
+    for one, _, fps in having:
+        if abs(fps - rate) > 1e-3 * rate:
             one.add(
                 "frame rate",
-                f"{one.fps:g} fps, {rates[rate]} of {len(having)} have {rate:g}",
+                f"{fps:g} fps, {rates[rate]} of {len(having)} have {rate:g}",
                 "none is needed: it is resampled",
             )
 
@@ -54,7 +59,7 @@ def compare(examined: Mapping[str, Examined], config: Config) -> None:
 def methods(
     references: Sequence[Examined], tests: Sequence[Examined], n_true: int, config: Config
 ) -> list[tuple[str, str, str]]:
-    """What each method could do with the data: name, `yes`, `limited` or `no`, and why.
+    """List what each method could do with the data: name, `yes`, `limited` or `no`, and why.
 
     n_true : tests whose true motion is known
     """
@@ -66,8 +71,9 @@ def methods(
     onsets = all((one.onset_rate or 0) > 0 for one in fit)
     clips = sum(one.gesture_clips for one in fit)
     shared = sorted({word for one in fit for word in one.keywords} & {word for one in tests for word in one.keywords})
-    names = frozenset(fit[0].skeleton.names) if fit else frozenset()
-    own = settings_for(fit[0].skeleton, config) if fit else config
+    skeleton = fit[0].skeleton if fit else None
+    names = frozenset(skeleton.names) if skeleton is not None else frozenset()
+    own = settings_for(skeleton, config) if skeleton is not None else config
     material = Material(base, minutes, onsets, clips, len(shared), names, own)
     rows = [
         (what, nothing or able, why or because)
@@ -107,7 +113,9 @@ def methods(
 
 
 def blacklist_yaml(references: Sequence[Examined], plain: Mapping[str, str], config: Config | None = None) -> str:
-    """A config that leaves out what is unfit, and why, line by line; plain : recording -> its clip's name.
+    """Format a config that leaves out what is unfit, and why, line by line.
+
+    plain : recording -> its clip's name
 
     config : whose other settings go into it, without which it would stand for the defaults
     """
@@ -137,5 +145,5 @@ def blacklist_yaml(references: Sequence[Examined], plain: Mapping[str, str], con
 
 
 def _comment(text: str) -> str:
-    """A text that may stand behind a `#`: on one line."""
+    """Format a text on one line, so that it may stand behind a `#`."""
     return shown(" ".join(text.split()))

@@ -1,4 +1,4 @@
-"""One recording as a doctor looks at it: figures, and findings with what to do about each.
+"""The examination of one recording: figures, and findings with what to do about each.
 
 Reading stops at nothing: where the transcript cannot be read the sound is looked at all the same, and likewise the
 motion.
@@ -41,7 +41,7 @@ _LEAST_SPEECH_SECONDS = 2.0
 
 @dataclass(frozen=True)
 class Finding:
-    """Something odd: its kind, what it is with its figure, and what to do.
+    """A fault or an oddity: its kind, a text with its figure, and what to do.
 
     start, end : seconds of the motion that it is confined to; None for the whole recording
     """
@@ -55,7 +55,7 @@ class Finding:
 
 @dataclass
 class Examined:
-    """Figures of a recording (None where there are none), its findings, and what the whole set needs to know of it."""
+    """Figures of a recording (None where there are none), its findings, and facts for the comparison with others."""
 
     name: str
     speaker: str | None = None
@@ -80,11 +80,12 @@ class Examined:
         return any(finding.kind in UNFIT and finding.start is None for finding in self.findings)
 
     def add(self, kind: str, text: str, cure: str, start: float | None = None, end: float | None = None) -> None:
+        """Add a finding."""
         self.findings.append(Finding(kind, text, cure, start, end))
 
 
 def examine(recording: Recording, name: str, config: Config) -> Examined:
-    """Look at all files of a recording; whatever cannot be read becomes a finding."""
+    """Examine all files of a recording; whatever cannot be read becomes a finding."""
     found = Examined(name, recording.speaker)
     if recording.problem is not None:
         found.add("unreadable", recording.problem, "rename or remove it")
@@ -99,6 +100,7 @@ def examine(recording: Recording, name: str, config: Config) -> Examined:
 
 
 def _one_line(error: DataError) -> str:
+    """Format an error on one line."""
     return shown(str(error).splitlines()[0])
 
 
@@ -106,6 +108,7 @@ def _one_line(error: DataError) -> str:
 
 
 def _read_sound(recording: Recording, found: Examined, config: Config) -> Clip | None:
+    """Read the sound and the words of a recording and add what is odd about them; None without usable sound."""
     if recording.audio_path is None:
         found.add("no audio", "no audio file beside it", f"add {recording.name}.wav")
         return None
@@ -125,17 +128,15 @@ def _read_sound(recording: Recording, found: Examined, config: Config) -> Clip |
         )
         clip = clips.prepare(replace(recording, transcript_path=None, other_transcripts=()), config, with_motion=False)
     found.seconds = clip.duration
-    _look_at_level(sound, found)
+    silent = _look_at_level(sound, found) < _SILENT_DB
     for note in sound.notes:
         found.add("channels", note, "set audio.channel")
     voiced = clip.voiced(config)
     heard = audio.voiced_seconds(voiced)
-    silent = found.level < _SILENT_DB
     found.voiced = heard / clip.duration
     found.n_words = len(clip.words)
-    found.keywords = tuple(
-        sorted({config.keywords.words[w.text] for w in clip.words if w.text in config.keywords.words})
-    )
+    keywords = config.keywords.words or {}
+    found.keywords = tuple(sorted({keywords[word.text] for word in clip.words if word.text in keywords}))
     if not silent:
         if heard < min(_LEAST_SPEECH_SECONDS, 0.1 * clip.duration):
             found.add(
@@ -158,19 +159,20 @@ def _read_sound(recording: Recording, found: Examined, config: Config) -> Clip |
     return clip
 
 
-def _look_at_level(sound: audio.Sound, found: Examined) -> None:
+def _look_at_level(sound: audio.Sound, found: Examined) -> float:
+    """Add findings on silent, quiet and clipped sound, and return the level in dB of full scale."""
     samples = sound.samples
     power = float(np.mean(np.square(samples, dtype=np.float64)))
-    found.level = 10 * np.log10(max(power, 1e-20))
-    if found.level < _SILENT_DB:
+    level = found.level = float(10 * np.log10(max(power, 1e-20)))
+    if level < _SILENT_DB:
         found.add(
-            "silent", f"the audio is silent ({max(found.level, -200):.0f} dB)", "check that this is the speaker's audio"
+            "silent", f"the audio is silent ({max(level, -200):.0f} dB)", "check that this is the speaker's audio"
         )
-        return
-    if found.level < _QUIET_DB:
+        return level
+    if level < _QUIET_DB:
         found.add(
             "quiet",
-            f"the audio is very quiet ({found.level:.0f} dB)",
+            f"the audio is very quiet ({level:.0f} dB)",
             "use onsets.per_second, which does not depend on loudness",
         )
     largest = float(np.abs(samples).max())
@@ -183,11 +185,14 @@ def _look_at_level(sound: audio.Sound, found: Examined) -> None:
             f"{100 * share:.1f} % of the samples are clipped at {largest:.2f}",
             "record it at a lower gain, or repair it",
         )
+    return level
 
 
 def _look_at_words(clip: Clip, found: Examined, config: Config) -> None:
-    """Do the words lie where a voice is heard? Compared on the detector's windows, by correlation: speech without
-    pauses overlaps with any words."""
+    """Add a finding where the words do not lie where a voice is heard.
+
+    Both are compared on the detector's windows, by correlation: speech without pauses overlaps with any words.
+    """
     if clip.voice is None or not clip.voice.is_known(config.voice):
         return
     heard = clip.voice.speaking(config.voice)
@@ -196,8 +201,8 @@ def _look_at_words(clip: Clip, found: Examined, config: Config) -> None:
     for word in clip.words:
         written[np.searchsorted(times, word.start) : np.searchsorted(times, word.end)] = True
     shift, best, there = _fit(heard, written, len(heard) / clip.duration)
-    both = np.count_nonzero(heard & written)
-    covered, true = both / max(np.count_nonzero(heard), 1), both / max(np.count_nonzero(written), 1)
+    both, n_heard, n_written = (int(np.count_nonzero(windows)) for windows in (heard & written, heard, written))
+    covered, true = both / max(n_heard, 1), both / max(n_written, 1)
     paused = min(np.count_nonzero(~heard), np.count_nonzero(~written)) >= _LEAST_PAUSED * len(heard)
     apart = "its words do not lie where a voice is heard"
     if abs(shift) > _LEAST_SHIFT_SECONDS and best >= _FITTING and best - there >= _FITTING_BETTER:
@@ -218,7 +223,10 @@ def _look_at_words(clip: Clip, found: Examined, config: Config) -> None:
 
 
 def _fit(heard: np.ndarray, written: np.ndarray, rate: float) -> tuple[float, float, float]:
-    """The shift of the words in seconds at which they correlate best with the voice, that, and without any shift."""
+    """Find the shift of the words in seconds that fits the voice best.
+
+    Returns the shift, the correlation with it, and the correlation without any shift.
+    """
     if not (0 < np.count_nonzero(heard) < len(heard) and 0 < np.count_nonzero(written) < len(written)):
         return 0.0, 0.0, 0.0
     one, other = heard - heard.mean(), written - written.mean()
@@ -233,6 +241,7 @@ def _fit(heard: np.ndarray, written: np.ndarray, rate: float) -> tuple[float, fl
 
 
 def _read_motion(recording: Recording, found: Examined, config: Config) -> Motion | None:
+    """Read the motion of a recording at the configured frame rate; None without usable motion."""
     if recording.motion_path is None:
         return None
     try:
@@ -245,6 +254,7 @@ def _read_motion(recording: Recording, found: Examined, config: Config) -> Motio
 
 
 def _look_at_motion(motion: Motion, found: Examined, config: Config) -> None:
+    """Add the figures of a motion, and findings on its joints, unit, stillness and tracking."""
     try:
         joints, _ = clips.select_joints(motion.skeleton, config)
     except DataError as error:
@@ -266,7 +276,7 @@ def _look_at_motion(motion: Motion, found: Examined, config: Config) -> None:
 
 
 def _hand_speeds(motion: Motion, config: Config) -> np.ndarray | None:
-    """Mean speed of both hands seen from the pelvis, cm/s `[shape=(T,)]`; None for a skeleton without these joints."""
+    """Compute the mean speed of both hands seen from the pelvis, cm/s `[shape=(T,)]`; None without these joints."""
     names = motion.skeleton.names
     if motion.n_frames < 2 or not {config.control.left, config.control.right} <= set(names):
         return None
@@ -282,6 +292,7 @@ def _hand_speeds(motion: Motion, config: Config) -> np.ndarray | None:
 
 
 def _look_at_both(motion: Motion, clip: Clip, found: Examined, config: Config) -> None:
+    """Add findings on sound and motion that differ in length, are out of step or drift apart."""
     seconds = motion.n_frames / motion.fps
     if abs(seconds - clip.duration) > _LENGTHS_APART_SECONDS:
         found.add(

@@ -1,4 +1,4 @@
-"""Does the sound of a recording lie where its motion does?
+"""Does the sound of a recording lie where its motion does? Lag and drift between them.
 
 Who speaks gestures: hands are faster while somebody speaks than in pauses, and strokes fall on stressed syllables. So
 the speed of the hands is correlated with the voice and with its onsets, at every lag of up to 8 s. Over a minute that
@@ -30,7 +30,7 @@ _DRIFT_STEP_SECONDS, _LEAST_DRIFT_CORRELATION, _LEAST_DRIFT_MARGIN, _LARGEST_DRI
 
 @dataclass(frozen=True)
 class Lag:
-    """How much later the motion is than the sound, in seconds, and the correlation there; `sure` if it stands out."""
+    """The lag of the motion behind the sound in seconds, and the correlation there; `sure` if it stands out."""
 
     seconds: float
     correlation: float
@@ -38,7 +38,7 @@ class Lag:
 
 
 def measure(speaking: np.ndarray, onset_times: np.ndarray, hand_speeds: np.ndarray, fps: float) -> Lag | None:
-    """The lag of a recording; None where it is too short, or either of sound and motion never changes.
+    """Measure the lag of a recording; None where it is too short, or either of sound and motion never changes.
 
     speaking : bool [shape=(T,)], whether somebody speaks; onset_times : seconds [shape=(K,)]
     hand_speeds : float [shape=(T,)], cm/s
@@ -58,7 +58,7 @@ def measure(speaking: np.ndarray, onset_times: np.ndarray, hand_speeds: np.ndarr
 
 
 def drift(speaking: np.ndarray, onset_times: np.ndarray, hand_speeds: np.ndarray, fps: float) -> float | None:
-    """By how many seconds the motion falls behind the sound from the beginning to the end; None where it is not sure.
+    """Measure the seconds by which the motion falls behind the sound from beginning to end; None where it is not sure.
 
     The sound is played slower and faster, so that it gets up to 8 s, or a twentieth, longer or shorter; what correlates best counts
     where it does so clearly better than the sound as it is, for the voice and for its onsets alike.
@@ -86,7 +86,7 @@ def drift(speaking: np.ndarray, onset_times: np.ndarray, hand_speeds: np.ndarray
 
 
 def _highest(heard: np.ndarray, moved: np.ndarray, fps: float) -> float:
-    """The highest correlation of two curves at any lag."""
+    """Compute the highest correlation of two curves at any lag."""
     most = round(LARGEST_LAG_SECONDS * fps)
     scores = correlate(moved, heard, "full", "fft")[len(heard) - 1 - most : len(heard) + most]
     norm = np.sqrt(np.dot(heard, heard) * np.dot(moved, moved))
@@ -94,7 +94,7 @@ def _highest(heard: np.ndarray, moved: np.ndarray, fps: float) -> float:
 
 
 def _curve(values: np.ndarray, fps: float) -> np.ndarray:
-    """`values` smoothed, without slow changes; zeros where it does not change."""
+    """Smooth `values` and remove slow changes; zeros where they do not change."""
     if np.ptp(values) == 0:
         return np.zeros(len(values))
     smooth = gaussian_filter1d(values, _SMOOTHING_SECONDS * fps)
@@ -103,16 +103,20 @@ def _curve(values: np.ndarray, fps: float) -> np.ndarray:
 
 
 def _best(heard: np.ndarray, moved: np.ndarray, fps: float) -> tuple[float, float, float]:
-    """The lag in seconds with the highest correlation, that, and by how much it exceeds those over a second away."""
+    """Find the lag in seconds with the highest correlation.
+
+    Returns the lag, its correlation, and by how much that exceeds those over a second away.
+    """
     most = min(round(LARGEST_LAG_SECONDS * fps), len(heard) // 3)
     lags = np.arange(-most, most + 1)
-    scores = np.array([_correlation(heard, moved, lag) for lag in lags])
+    scores = np.array([_correlation(heard, moved, lag) for lag in lags.tolist()])
     best = int(scores.argmax())
     others = scores[np.abs(lags - lags[best]) >= fps]
     return float(lags[best] / fps), float(scores[best]), float(scores[best] - others.max(initial=-1.0))
 
 
 def _correlation(heard: np.ndarray, moved: np.ndarray, lag: int) -> float:
+    """Correlate two curves at one lag in frames."""
     n = len(heard)
     one, other = heard[max(-lag, 0) : n - max(lag, 0)], moved[max(lag, 0) : n - max(-lag, 0)]
     norm = np.sqrt(np.dot(one, one) * np.dot(other, other))

@@ -1,4 +1,4 @@
-"""The doctor's findings as one HTML file: text and style, no script, and nothing from outside."""
+"""The doctor's findings as one HTML file: text and style, no script, and no resource from outside."""
 
 from __future__ import annotations
 
@@ -11,6 +11,17 @@ from html import escape
 from gesturegen import __version__
 from gesturegen.doctor.examination import UNFIT, Examined
 
+
+def _figure(value: float | None, digits: int) -> str:
+    """Format a figure with so many decimals; `-` for None."""
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _lag(one: Examined) -> str:
+    """Format the lag of a recording; `?` where it does not stand out."""
+    return "-" if one.lag is None else f"{one.lag:+.2f}" if one.lag_sure else "?"
+
+
 # Heading, what it means, and the text of a recording.
 COLUMNS = (
     ("s", "duration of the audio", lambda one: _figure(one.seconds, 1)),
@@ -21,7 +32,7 @@ COLUMNS = (
     ("speech %", "share of the audio in which somebody speaks", lambda one: _figure(one.voiced and 100 * one.voiced, 0)),
     ("onsets/s", "per second of speech", lambda one: _figure(one.onset_rate, 2)),
     ("words", "in the transcript", lambda one: _figure(one.n_words, 0)),
-    ("lag s", "of the motion behind the sound; ? where it does not stand out", lambda one: _lag(one)),
+    ("lag s", "of the motion behind the sound; ? where it does not stand out", _lag),
 )  # fmt: skip
 _STYLE = """
 :root { color-scheme: light dark; --paper: #fff; --panel: #f3f4f6; --ink: #1b1f24; --soft: #59636e; --line: #d0d7de;
@@ -46,7 +57,7 @@ pre { background: var(--panel); padding: .75rem; border-radius: 6px; overflow-x:
 
 @dataclass(frozen=True)
 class Content:
-    """What the page tells: recordings by part of the data set, methods, the blacklist as YAML."""
+    """The content of the page: recordings by part of the data set, methods, the blacklist as YAML."""
 
     data: str
     parts: Mapping[str, Sequence[Examined]]
@@ -55,7 +66,7 @@ class Content:
 
 
 def render(content: Content) -> str:
-    """The page; the same content gives the same text."""
+    """Render the page; the same content gives the same text."""
     everything = [one for part in content.parts.values() for one in part]
     digest = base64.b64encode(hashlib.sha256(_STYLE.encode()).digest()).decode()
     unfit, odd = sum(one.unfit for one in everything), sum(bool(one.findings) and not one.unfit for one in everything)
@@ -87,7 +98,7 @@ def render(content: Content) -> str:
 
 
 def lines(content: Content) -> list[str]:
-    """The same for a terminal: figures, findings and methods."""
+    """Format the same content for a terminal: figures, findings and methods."""
     told = []
     for part, recordings in content.parts.items():
         table = [[part, *(heading for heading, _, _ in COLUMNS), "findings"]]
@@ -106,6 +117,7 @@ def lines(content: Content) -> list[str]:
 
 
 def _aligned(table: Sequence[Sequence[str]]) -> list[str]:
+    """Align the columns of a table: the first and the last to the left, the others to the right."""
     widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
     return [
         "  ".join(
@@ -120,6 +132,7 @@ def _aligned(table: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _findings(parts: Mapping[str, Sequence[Examined]]) -> str:
+    """Render the table of findings."""
     rows = [
         f'<tr><th scope="row">{escape(one.name)}</th><td class="text {"bad" if f.kind in UNFIT else "odd"}">{escape(f.kind)}</td>'
         f'<td class="text">{escape(f.text)}</td><td class="text">{escape(f.cure)}</td></tr>'
@@ -131,6 +144,7 @@ def _findings(parts: Mapping[str, Sequence[Examined]]) -> str:
 
 
 def _methods(rows: Sequence[tuple[str, str, str]]) -> str:
+    """Render the table of methods."""
     classes = {"yes": "good", "limited": "odd", "no": "bad"}
     return _table(
         ("method", "can it", "why"),
@@ -143,6 +157,7 @@ def _methods(rows: Sequence[tuple[str, str, str]]) -> str:
 
 
 def _figures(recordings: Sequence[Examined]) -> str:
+    """Render the table of figures, a row for each recording."""
     rows = [
         f'<tr><th scope="row">{escape(one.name.rpartition("/")[2])}</th>' + "".join(f"<td>{escape(text(one))}</td>" for _, _, text in COLUMNS) + "</tr>"
         for one in recordings
@@ -151,18 +166,13 @@ def _figures(recordings: Sequence[Examined]) -> str:
 
 
 def _table(headings: Sequence[str], rows: Sequence[str], texts: int = 0) -> str:
-    """texts : how many columns from the left hold text, not figures"""
+    """Render a table from its headings and rows.
+
+    texts : how many columns from the left hold text, not figures
+    """
     head = "".join(
         f'<th scope="col"{" class=text" if place < texts else ""}>{escape(heading)}</th>'
         for place, heading in enumerate(headings)
     )
     scroll = '<div class="scroll" tabindex="0" role="region" aria-label="table">'
     return f"{scroll}<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
-
-
-def _figure(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
-
-
-def _lag(one: Examined) -> str:
-    return "-" if one.lag is None else f"{one.lag:+.2f}" if one.lag_sure else "?"

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gesturegen import evaluation, viewer
-from gesturegen.evaluation import Joints, Measure
+from gesturegen.evaluation import Joints
 from gesturegen.experiment.presets import Preset
 from gesturegen.frames import ReferenceFrames
+from gesturegen.metrics.measures import Measure
 from gesturegen.metrics.usage import training_utilisation
 from gesturegen.settings.models import Config
 
@@ -95,17 +96,16 @@ def run_figures(
     rows: Sequence[dict], pairs: Sequence[tuple[Joints, Joints]], columns: Sequence[Measure], config: Config,
     seconds: Mapping[str, float], training_seconds: float,
 ) -> dict[str, float]:  # fmt: skip
-    """Sum up one run as `evaluate` does; of what that does not know, counts are summed and the rest is averaged.
+    """Sum up one run as `evaluate` does, and what that does not know as the columns say.
 
     rows : of all its clips; those that have an output are given their `utilisation`
     pairs : motions and their truths, where any column pools them
     seconds : duration of each reference clip; training_seconds : of the whole set
     """
     total = evaluation.totals(rows, [motion for motion, _ in pairs], [truth for _, truth in pairs], config)
-    for key in (column.key for column in columns if column.key not in total):
-        values = np.array([row.get(key, NAN) for row in rows], dtype=float)
-        values = values[np.isfinite(values)]
-        total[key] = float((np.sum if key in _COUNTS else np.mean)(values)) if len(values) else NAN
+    for column in columns:
+        if column.key not in total:
+            total[column.key] = column.sum_up([row.get(column.key, NAN) for row in rows])
     total["unnatural_edges"] = float(sum({row["graph"]: row["unnatural_edges"] for row in rows}.values()))
     moving = [row for row in rows if not row["failure"]]
     rest = max(training_seconds - sum(seconds.values()), 0.0)

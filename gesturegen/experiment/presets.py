@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from gesturegen import evaluation
-from gesturegen.evaluation import VIEWER_BLOCKS, Measure
+from gesturegen.metrics.measures import VIEWER_BLOCKS, Measure
 from gesturegen.settings.models import Config, Evaluation
 
 PAPER_BLOCK, BEHIND_BLOCK, CAUSES_BLOCK = "Table 2", "what stands behind it", "why rows differ"
@@ -19,7 +19,7 @@ ABLATION_COLUMNS = (
     Measure("bc_distance", "BC dist s ↓", PAPER_BLOCK),
     Measure("bc_kernel", "BC kernel ↑", PAPER_BLOCK),
     Measure("div", "Div ↑", PAPER_BLOCK),
-    Measure("failure", "#Failure", PAPER_BLOCK),
+    Measure("failure", "#Failure", PAPER_BLOCK, "sum"),
     Measure("hard_joins_per_minute", "hard joins/min", SEAMS_BLOCK),
     Measure("join_distance_mean", "join d mean", SEAMS_BLOCK),
     Measure("join_distance_sum", "join d sum ↓", SEAMS_BLOCK),
@@ -29,7 +29,7 @@ ABLATION_COLUMNS = (
     Measure("foot_skate_ratio", "foot skate / reference's", SEAMS_BLOCK),
     Measure("key_node_share", "key nodes met ↑", SEAMS_BLOCK),
     Measure("reference_share", "reference used ↑", SEAMS_BLOCK),
-    Measure("max_uses", "max uses ↓", SEAMS_BLOCK),
+    Measure("max_uses", "max uses ↓", SEAMS_BLOCK, "maximum"),
     Measure("rhythm", "rhythm agreement ↑", SEAMS_BLOCK),
     Measure("rhythm_by_chance", "by chance", SEAMS_BLOCK),
     Measure("pause_share", "pauses from pauses ↑", SEAMS_BLOCK),
@@ -38,15 +38,15 @@ ABLATION_COLUMNS = (
     *(measure for measure in evaluation.measures(_NO_WINDOWS) if measure.block in VIEWER_BLOCKS),
     Measure("held_share", "held frames", BEHIND_BLOCK),
     Measure("repeated_share", "re-used frames", BEHIND_BLOCK),
-    Measure("fallback_keyword", "keyword fallback", BEHIND_BLOCK),
-    Measure("fallback_discard", "discard", BEHIND_BLOCK),
-    Measure("fallback_repeat", "repeat", BEHIND_BLOCK),
-    Measure("fallback_kind", "rest for gesture", BEHIND_BLOCK),
-    Measure("fallback_edge", "no edge", BEHIND_BLOCK),
-    Measure("fallback_scale", "out of time scale", BEHIND_BLOCK),
-    Measure("retries", "retries", BEHIND_BLOCK),
-    Measure("pieces", "pieces", BEHIND_BLOCK),
-    Measure("natural_joins", "natural joins", BEHIND_BLOCK),
+    Measure("fallback_keyword", "keyword fallback", BEHIND_BLOCK, "sum"),
+    Measure("fallback_discard", "discard", BEHIND_BLOCK, "sum"),
+    Measure("fallback_repeat", "repeat", BEHIND_BLOCK, "sum"),
+    Measure("fallback_kind", "rest for gesture", BEHIND_BLOCK, "sum"),
+    Measure("fallback_edge", "no edge", BEHIND_BLOCK, "sum"),
+    Measure("fallback_scale", "out of time scale", BEHIND_BLOCK, "sum"),
+    Measure("retries", "retries", BEHIND_BLOCK, "sum"),
+    Measure("pieces", "pieces", BEHIND_BLOCK, "sum"),
+    Measure("natural_joins", "natural joins", BEHIND_BLOCK, "sum"),
     Measure("unnatural_edges", "unnatural edges", BEHIND_BLOCK),
     Measure("utilisation", "of training set", BEHIND_BLOCK),
     Measure("seams_per_minute", "seams/min", CAUSES_BLOCK),

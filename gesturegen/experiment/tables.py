@@ -7,9 +7,9 @@ import io
 import math
 from collections.abc import Mapping, Sequence
 
-from gesturegen.evaluation import VIEWER_BLOCKS, Measure
 from gesturegen.experiment.figures import Result, Setup
 from gesturegen.experiment.presets import PAPER_CLIPS
+from gesturegen.metrics.measures import VIEWER_BLOCKS, Measure
 from gesturegen.tables import align, beside_of, exact, format_figure, json_figures
 
 # Which of a publication's columns stands beside which of ours, and its heading.

@@ -1,4 +1,4 @@
-"""Does the motion hear the speech? Alignment of motion and onsets, over what chance gives.
+"""Does the motion follow the speech? Alignment of motion and onsets, over what chance gives.
 
 Source: `a2m` is the beat alignment of BEAT and BEAT2 (Liu et al. 2022 and 2024); the angle change rate is that of
 §5.2 (`beats`); surplus, z and the minima of the hands' speed are ours. A motion with many beats is near to any onset,
@@ -23,6 +23,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.signal import argrelextrema
 
 A2M_ORDER, HANDS_ORDER, LEAST_SHARE = 7, 5, 0.1
@@ -31,7 +32,7 @@ MINIMA_SIGMA = 0.3
 
 
 class Surplus(NamedTuple):
-    """Alignment over chance: surplus, its standard deviation by chance, and their ratio z; NaN without evidence."""
+    """Alignment over chance: the surplus, its standard deviation by chance, and their ratio z; NaN without evidence."""
 
     surplus: float
     deviation: float
@@ -42,7 +43,7 @@ NONE = Surplus(float("nan"), float("nan"), float("nan"))
 
 
 def speed_minima(speeds: np.ndarray, *, order: int = A2M_ORDER, least_share: float = LEAST_SHARE) -> list[np.ndarray]:
-    """Frames at which each joint is slower than at `order` frames to either side; one array for each joint.
+    """Find the frames at which each joint is slower than at `order` frames to either side; one array per joint.
 
     speeds : float [shape=(T, J)], as of `speeds`; least_share : of a joint's mean speed, slower minima are left out
     """
@@ -52,7 +53,7 @@ def speed_minima(speeds: np.ndarray, *, order: int = A2M_ORDER, least_share: flo
 
 
 def speeds(positions: np.ndarray) -> np.ndarray:
-    """Speeds by central differences, one-sided at the ends, per frame `[shape=(T, J)]`.
+    """Compute speeds by central differences, one-sided at the ends, per frame `[shape=(T, J)]`.
 
     positions : float [shape=(T, J, 3)]
     """
@@ -62,9 +63,9 @@ def speeds(positions: np.ndarray) -> np.ndarray:
 
 
 def surplus(
-    onset_frames: Sequence[int], beats: Sequence[np.ndarray], n_frames: int, *, fps: float, sigma_seconds: float
+    onset_frames: ArrayLike, beats: Sequence[np.ndarray], n_frames: int, *, fps: float, sigma_seconds: float
 ) -> Surplus:
-    """Alignment of a clip's onsets and motion beats over chance.
+    """Measure the alignment of a clip's onsets and motion beats over chance.
 
     onset_frames : int [shape=(K,)], those outside the clip are left out
     beats : lists of frames, each int [shape=(B,)]; lists without a beat are left out
@@ -83,7 +84,7 @@ def surplus(
 
 
 def together(clips: Sequence[Surplus]) -> Surplus:
-    """Surplus and z of several clips that were measured apart; those without evidence are left out."""
+    """Combine the surplus of clips that were measured apart; those without evidence are left out."""
     found = np.array([clip for clip in clips if np.isfinite(clip.surplus)]).reshape(-1, 3)
     if not len(found):
         return NONE
@@ -92,7 +93,7 @@ def together(clips: Sequence[Surplus]) -> Surplus:
 
 
 def _nearness(beats: np.ndarray, n_frames: int, sigma_frames: float) -> np.ndarray:
-    """The kernel of the distance to the nearest beat in every frame `[shape=(n_frames,)]`."""
+    """Compute the kernel of the distance to the nearest beat in every frame `[shape=(n_frames,)]`."""
     frames = np.arange(n_frames)
     after = np.searchsorted(beats, frames)
     distance = np.minimum(

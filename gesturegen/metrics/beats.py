@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.signal import find_peaks
 
 # Joints whose files put them at their parent's place (GENEA's arm_twist) have a direction made of rounding
@@ -29,8 +30,8 @@ from scipy.signal import find_peaks
 SHORTEST_SHARE_OF_LONGEST = 1e-4
 
 
-def selected_parents(parents: Sequence[int], joints: Sequence[int]) -> np.ndarray:
-    """For each of `joints`, the place in `joints` of its nearest ancestor that is there too, -1 for none.
+def selected_parents(parents: np.ndarray | Sequence[int], joints: np.ndarray | Sequence[int]) -> np.ndarray:
+    """Find, for each of `joints`, the place in `joints` of its nearest ancestor among them, -1 for none.
 
     parents : int [shape=(J,)], parent of every joint of the skeleton, -1 for the root
     joints : int [shape=(K,)], the selected joints as numbers in the skeleton
@@ -46,8 +47,8 @@ def selected_parents(parents: Sequence[int], joints: Sequence[int]) -> np.ndarra
     return np.array(found, dtype=np.int64)
 
 
-def angle_change_rate(positions: np.ndarray, parents: Sequence[int], *, fps: float) -> np.ndarray:
-    """Mean angle by which the bone directions turn from the frame before, per second.
+def angle_change_rate(positions: ArrayLike, parents: ArrayLike, *, fps: float) -> np.ndarray:
+    """Compute the mean angle by which the bone directions turn from the frame before, per second.
 
         rate(t) = fps * mean over j of acos(u_j(t) . u_j(t - 1))
 
@@ -82,8 +83,8 @@ def angle_change_rate(positions: np.ndarray, parents: Sequence[int], *, fps: flo
     return rates
 
 
-def motion_beats(rates: np.ndarray, *, fps: float, extrema: str = "maxima", min_prominence: float = 1e-6) -> np.ndarray:
-    """Times of the local extrema of the angle change rate.
+def motion_beats(rates: ArrayLike, *, fps: float, extrema: str = "maxima", min_prominence: float = 1e-6) -> np.ndarray:
+    """Find the times of the local extrema of the angle change rate.
 
     rates : float [shape=(T,)], rad/s, as `angle_change_rate` gives them
     fps : frames per second
@@ -102,8 +103,8 @@ def motion_beats(rates: np.ndarray, *, fps: float, extrema: str = "maxima", min_
     return np.sort(np.concatenate(frames)) / fps
 
 
-def beat_distance(onset_times: np.ndarray, beat_times: np.ndarray) -> float:
-    """BC as a distance: mean over audio onsets of the time to the nearest motion beat, in seconds.
+def beat_distance(onset_times: ArrayLike, beat_times: ArrayLike) -> float:
+    """Compute BC as a distance: mean over audio onsets of the time to the nearest motion beat, in seconds.
 
     onset_times : float [shape=(A,)], seconds; beat_times : float [shape=(B,)], seconds, in any order
     Returns seconds, lower is better; NaN where there is no onset or no beat.
@@ -112,9 +113,10 @@ def beat_distance(onset_times: np.ndarray, beat_times: np.ndarray) -> float:
     return float(distances.mean()) if len(distances) and np.size(beat_times) else float("nan")
 
 
-def beat_kernel(onset_times: np.ndarray, beat_times: np.ndarray, *, sigma_seconds: float = 0.1) -> float:
-    """BC as a score: mean over audio onsets of exp(-d^2 / (2 sigma^2)), d the time to the nearest motion
-    beat.
+def beat_kernel(onset_times: ArrayLike, beat_times: ArrayLike, *, sigma_seconds: float = 0.1) -> float:
+    """Compute BC as a score: mean over audio onsets of exp(-d^2 / (2 sigma^2)).
+
+    d is the time to the nearest motion beat.
 
     onset_times : float [shape=(A,)], seconds; beat_times : float [shape=(B,)], seconds, in any order
     sigma_seconds : width of the kernel; 0.1 in HA2G, 0.3 in BEAT
@@ -129,8 +131,11 @@ def beat_kernel(onset_times: np.ndarray, beat_times: np.ndarray, *, sigma_second
     return float(np.exp(-0.5 * (distances / sigma_seconds) ** 2).mean())
 
 
-def nearest_distances(onset_times: np.ndarray, beat_times: np.ndarray) -> np.ndarray:
-    """Time from each onset to its nearest beat, float64 [shape=(A,)], seconds; NaN where there is no beat."""
+def nearest_distances(onset_times: ArrayLike, beat_times: ArrayLike) -> np.ndarray:
+    """Compute the time from each onset to its nearest beat.
+
+    Returns float64 [shape=(A,)], seconds; NaN where there is no beat.
+    """
     onsets = np.asarray(onset_times, dtype=np.float64).ravel()
     beats = np.sort(np.asarray(beat_times, dtype=np.float64).ravel())
     if not len(beats):

@@ -27,6 +27,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.stats import rankdata
 
@@ -42,7 +43,7 @@ _STATISTICS = 3
 
 
 class HeldOut(NamedTuple):
-    """Frames that were asked about: their scores, what is true of them, their folds, and their rows in the input."""
+    """Scores of held-out frames, with their true labels, their folds, and their rows in the input."""
 
     scores: np.ndarray
     is_seam: np.ndarray
@@ -51,7 +52,7 @@ class HeldOut(NamedTuple):
 
 
 def kinematic_features(positions: np.ndarray, *, around: int = AROUND_FRAMES) -> np.ndarray:
-    """Log speed, acceleration and jerk of every joint in every frame, with their maximum and mean around.
+    """Compute log speed, acceleration and jerk of every joint and frame, with their maximum and mean around it.
 
     positions : float [shape=(T, J, 3)], world positions, cm; around : frames to either side
     Returns float32 [shape=(T, J, 3, 3)]: by joint, order of the difference, and value, maximum, mean; NaN in clips
@@ -71,9 +72,9 @@ def kinematic_features(positions: np.ndarray, *, around: int = AROUND_FRAMES) ->
 
 
 def label_frames(
-    n_frames: int, seam_frames: Sequence[int], *, near: int = NEAR_FRAMES, far: int = FAR_FRAMES
+    n_frames: int, seam_frames: ArrayLike, *, near: int = NEAR_FRAMES, far: int = FAR_FRAMES
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Which frames are looked at, and which of them are at a seam: two bool arrays `[shape=(n_frames,)]`."""
+    """Select the frames to classify, and label those at a seam: two bool arrays `[shape=(n_frames,)]`."""
     seams = np.sort(np.asarray(seam_frames, dtype=np.int64))
     if not len(seams):
         return np.ones(n_frames, dtype=bool), np.zeros(n_frames, dtype=bool)
@@ -85,8 +86,8 @@ def label_frames(
     return (distance <= near) | (distance >= far), distance <= near
 
 
-def seam_auc(features: np.ndarray, is_seam: Sequence[bool], clip_of_frame: Sequence[int], *, seed: int = 0) -> float:
-    """How well a random forest tells the frames at seams of clips that it has not seen: 0.5 is chance, 1 always.
+def seam_auc(features: ArrayLike, is_seam: ArrayLike, clip_of_frame: ArrayLike, *, seed: int = 0) -> float:
+    """Compute how well a random forest tells the frames at seams of unseen clips: 0.5 is chance, 1 always.
 
     features : float [shape=(N, ...)], one row per frame that is looked at, in order of time within each clip
     is_seam : bool [shape=(N,)]; clip_of_frame : int [shape=(N,)], equal for the frames of one clip
@@ -97,7 +98,7 @@ def seam_auc(features: np.ndarray, is_seam: Sequence[bool], clip_of_frame: Seque
     return auc_over_folds(found.scores, found.is_seam, found.folds)
 
 
-def held_out_scores(features: np.ndarray, is_seam: np.ndarray, clip_of_frame: np.ndarray, *, seed: int = 0) -> HeldOut:
+def held_out_scores(features: ArrayLike, is_seam: np.ndarray, clip_of_frame: np.ndarray, *, seed: int = 0) -> HeldOut:
     """Score each frame by a forest that has not seen its clip; arguments as of `seam_auc`."""
     from sklearn.ensemble import RandomForestClassifier
 
@@ -120,7 +121,7 @@ def held_out_scores(features: np.ndarray, is_seam: np.ndarray, clip_of_frame: np
 
 
 def auc_over_folds(scores: np.ndarray, is_seam: np.ndarray, folds: np.ndarray) -> float:
-    """Chance that a frame at a seam scores higher than one elsewhere of its fold, ties half; NaN without such a pair."""
+    """Compute the chance that a frame at a seam scores higher than another of its fold, ties half; NaN for no pair."""
     wins = pairs = 0.0
     for fold in np.unique(folds):
         own = folds == fold
@@ -133,10 +134,10 @@ def auc_over_folds(scores: np.ndarray, is_seam: np.ndarray, folds: np.ndarray) -
 
 
 def group_aucs(
-    features: np.ndarray, is_seam: Sequence[bool], clip_of_frame: Sequence[int], groups: Mapping[str, Sequence[int]],
+    features: np.ndarray, is_seam: ArrayLike, clip_of_frame: ArrayLike, groups: Mapping[str, Sequence[int]],
     *, seed: int = 0,
 ) -> dict[str, float]:  # fmt: skip
-    """AUC of `seam_auc` by some joints alone, to see what gives the seams away.
+    """Compute the AUC of `seam_auc` by some joints alone, to see which of them give the seams away.
 
     features : [shape=(N, J, ...)], as of `kinematic_features`; groups : places among the J joints, by name
     """
@@ -146,8 +147,10 @@ def group_aucs(
     }
 
 
-def jerk_at_seams_less_elsewhere(features: np.ndarray, is_seam: Sequence[bool]) -> np.ndarray:
-    """Mean log jerk of each joint at seams less that elsewhere `[shape=(J,)]`: under 0 too smooth, over 0 too rough.
+def jerk_at_seams_less_elsewhere(features: ArrayLike, is_seam: ArrayLike) -> np.ndarray:
+    """Compute the mean log jerk of each joint at seams less that elsewhere `[shape=(J,)]`.
+
+    Under 0 the seams are too smooth, over 0 too rough.
 
     features : [shape=(N, J, 3, 3)], as of `kinematic_features`; NaN where either kind has no frame
     """
@@ -158,7 +161,10 @@ def jerk_at_seams_less_elsewhere(features: np.ndarray, is_seam: Sequence[bool]) 
 
 
 def joint_groups(names: Sequence[str]) -> dict[str, list[int]]:
-    """Places of the joints of each part of the body, by words in their names; `all` of them, the pelvis as `root`."""
+    """Group joints by words in their names: parts of the body, `all` of them, the pelvis as `root`.
+
+    Returns the places of the joints in `names`, by group.
+    """
     words = {
         "wrists": ("wrist", "hand"),
         "head": ("head",),
@@ -173,12 +179,12 @@ def joint_groups(names: Sequence[str]) -> dict[str, list[int]]:
 
 
 def thinned(frames: np.ndarray, limit: int) -> np.ndarray:
-    """At most `limit` of them, evenly spaced."""
+    """Take at most `limit` frames, evenly spaced."""
     return frames if len(frames) <= limit else frames[np.linspace(0, len(frames) - 1, limit).astype(int)]
 
 
 def _folds(clips: np.ndarray) -> np.ndarray:
-    """The fold of each frame: its clip, its group of clips where there are many, its third where there is one."""
+    """Assign each frame to a fold: its clip, a group of clips where there are many, a third where there is one clip."""
     _, numbers = np.unique(clips, return_inverse=True)
     n_clips = int(numbers.max()) + 1 if len(numbers) else 0
     if n_clips == 1:

@@ -21,7 +21,7 @@ import numpy as np
 def direction_change_share(
     positions: np.ndarray, *, min_angle_degrees: float = 45.0, speed_floor: float = 0.1
 ) -> float:
-    """Div: share of (frame, joint) at which the velocity turns by more than `min_angle_degrees`.
+    """Compute Div: the share of (frame, joint) at which the velocity turns by more than `min_angle_degrees`.
 
         Div = #{t, j : angle(v_tj, v_(t+1)j) > min_angle and both speeds >= speed_floor} / ((T - 2) J)
 
@@ -38,7 +38,7 @@ def direction_change_share(
 
 
 def turning_angles(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Angles between successive velocities of every joint, and the speeds.
+    """Compute the angles between successive velocities of every joint, and the speeds.
 
     positions : float [shape=(T, J, 3)], cm
     Returns angles float64 [shape=(max(T - 2, 0), J)] in radians, 0 to pi, and speeds float64

@@ -14,10 +14,10 @@ Conventions
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gesturegen.motion.feet import CONTACT_HEIGHT, FLOOR_PERCENTILE, contacts
 
@@ -35,14 +35,14 @@ class FootSkate(NamedTuple):
 
 
 def foot_skate(
-    positions: np.ndarray,
-    foot_joints: Sequence[int],
+    positions: ArrayLike,
+    foot_joints: ArrayLike,
     *,
     fps: float,
     height: float = CONTACT_HEIGHT,
     floor_percentile: float = FLOOR_PERCENTILE,
 ) -> FootSkate:
-    """Mean horizontal speed of the feet while they are near the floor, and how often they are.
+    """Measure the mean horizontal speed of the feet while they are near the floor, and how often they are.
 
         speed = mean of fps * ||(x, z)_t - (x, z)_(t-1)|| over the (t, foot) in contact at both t - 1 and t
 

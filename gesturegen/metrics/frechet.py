@@ -25,7 +25,7 @@ WINDOW_FRAMES = (30, 60, 90)
 
 
 def motion_windows(positions: np.ndarray, window_frames: int, stride_frames: int | None = None) -> np.ndarray:
-    """All windows of one clip, one per row.
+    """Cut one clip into windows, one per row.
 
     positions : float [shape=(T, J, 3)], cm
     window_frames, stride_frames : in frames, 1 or more; the stride is half a window by default
@@ -44,7 +44,7 @@ def motion_windows(positions: np.ndarray, window_frames: int, stride_frames: int
 
 
 def frechet_distance(first: np.ndarray, second: np.ndarray) -> float:
-    """Squared Fréchet distance between the normal distributions fitted to two sets of samples.
+    """Compute the squared Fréchet distance between the normal distributions fitted to two sets of samples.
 
         ||mu1 - mu2||^2 + Tr(S1) + Tr(S2) - 2 Tr((S1 S2)^(1/2))
 
@@ -77,7 +77,7 @@ def window_frechet_distance(
     window_frames: int,
     stride_frames: int | None = None,
 ) -> float:
-    """Fréchet distance between the windows of generated and of recorded clips.
+    """Compute the Fréchet distance between the windows of generated and of recorded clips.
 
     generated, truth : one clip, float [shape=(T, J, 3)], or a sequence of clips; cm, the same joints in all
     window_frames, stride_frames : as in `motion_windows`
@@ -92,10 +92,11 @@ def window_frechet_distance(
 
 
 def _clips(side: np.ndarray | Sequence[np.ndarray]) -> Sequence[np.ndarray]:
-    return [side] if isinstance(side, np.ndarray) and side.ndim == 3 else side
+    """List the clips of one side, which is one clip or a sequence of clips."""
+    return [side] if isinstance(side, np.ndarray) and side.ndim == 3 else list(side)
 
 
 def _covariance_factor(samples: np.ndarray) -> np.ndarray:
-    """A matrix of at most D rows whose product A^T A is the covariance of the samples."""
+    """Compute a matrix of at most D rows whose product A^T A is the covariance of the samples."""
     centred = (samples - samples.mean(axis=0)) / np.sqrt(len(samples) - 1)
-    return np.linalg.qr(centred, mode="r") if len(centred) > centred.shape[1] else centred
+    return np.asarray(np.linalg.qr(centred, mode="r")) if len(centred) > centred.shape[1] else centred

@@ -31,7 +31,7 @@ COMPAT_DROPPED_JOINTS = 8
 
 
 class GeneaCompat(NamedTuple):
-    """What the published scripts print for one motion.
+    """The figures that the published scripts print for one motion.
 
     jerk : cm/s^3; acceleration : cm/s^2; both means over joints
     jerk_per_joint, acceleration_per_joint : float64 [shape=(J,)]
@@ -49,7 +49,7 @@ class GeneaCompat(NamedTuple):
 def speed_histogram(
     positions: np.ndarray, *, fps: float, bin_width: float = 1.0, top_speed: float = TOP_SPEED
 ) -> np.ndarray:
-    """Counts of the speeds of all joints in all frames.
+    """Count the speeds of all joints in all frames.
 
     positions : float [shape=(T, J, 3)], cm
     fps : frames per second
@@ -63,7 +63,9 @@ def speed_histogram(
 
 
 def hellinger_distance(first: np.ndarray, second: np.ndarray) -> float:
-    """Hellinger distance sqrt(1 - sum_k sqrt(p_k q_k)) of two histograms, each normalised to sum 1.
+    """Compute the Hellinger distance of two histograms, each normalised to sum 1.
+
+    sqrt(1 - sum_k sqrt(p_k q_k))
 
     first, second : counts of 0 or more [shape=(B,)]
     Returns 0 (same shape) to 1 (no bin in common); NaN where either histogram is empty.
@@ -79,7 +81,7 @@ def hellinger_distance(first: np.ndarray, second: np.ndarray) -> float:
 
 
 def canonical_correlation(generated: np.ndarray, truth: np.ndarray, *, rank_tolerance: float = 1e-3) -> float:
-    """CCA: the largest correlation between a linear function of the generated pose and one of the true pose.
+    """Compute the largest correlation between a linear function of the generated pose and one of the true pose (CCA).
 
     The poses of each motion are flattened and centred, X (T, 3J). With X = U S V^T and only the r columns of
     U whose singular value is above `rank_tolerance` times the largest, the first canonical correlation is the
@@ -104,11 +106,11 @@ def canonical_correlation(generated: np.ndarray, truth: np.ndarray, *, rank_tole
     ranks = [basis.shape[1] for basis in bases]
     if min(ranks) == 0 or sum(ranks) > common - 1:
         return float("nan")
-    return float(min(1.0, np.linalg.norm(bases[0].T @ bases[1], ord=2)))
+    return min(1.0, float(np.linalg.norm(bases[0].T @ bases[1], ord=2)))
 
 
 def genea_compat(positions: np.ndarray, *, fps: float) -> GeneaCompat:
-    """The figures of the published scripts for one motion, by their conventions (module header).
+    """Compute the figures of the published scripts for one motion, by their conventions (module header).
 
     positions : float [shape=(T, J, 3)], cm; the order of joints matters, the first 8 stay out of the
         histograms
@@ -130,7 +132,10 @@ def genea_compat(positions: np.ndarray, *, fps: float) -> GeneaCompat:
 
 
 def _orthonormal_basis(positions: np.ndarray, rank_tolerance: float) -> np.ndarray:
-    """Columns that span the centred coordinates over time, float64 [shape=(T, r)]; r = 0 without motion."""
+    """Compute columns that span the centred coordinates over time.
+
+    Returns float64 [shape=(T, r)]; r = 0 without motion.
+    """
     flat = positions.astype(np.float64).reshape(len(positions), -1)
     centred = flat - flat.mean(axis=0)
     left, values, _ = np.linalg.svd(centred, full_matrices=False)

@@ -20,14 +20,20 @@ STRAIGHT_DEGREES, SNAP_ACCELERATION, ONE_SNAP_FRAMES = 177.0, 6000.0, 3
 
 
 class Knees(NamedTuple):
-    """straight_share : share of frames and knees beyond the limit; snaps_per_minute : of all knees together."""
+    """Figures of straightened and snapping knees.
+
+    straight_share : share of frames and knees beyond the limit; snaps_per_minute : of all knees together
+    """
 
     straight_share: float
     snaps_per_minute: float
 
 
 def knee_angles(legs: np.ndarray) -> np.ndarray:
-    """Angles at the knees, degrees `[shape=(T, L)]`; legs : float [shape=(T, L, 3, 3)], hip, knee and ankle, cm."""
+    """Compute the angles at the knees, degrees `[shape=(T, L)]`.
+
+    legs : float [shape=(T, L, 3, 3)], hip, knee and ankle, cm
+    """
     legs = np.asarray(legs, dtype=np.float64)
     thigh, shank = legs[:, :, 0] - legs[:, :, 1], legs[:, :, 2] - legs[:, :, 1]
     # atan2, since acos loses half the digits near a straight leg.
@@ -35,7 +41,7 @@ def knee_angles(legs: np.ndarray) -> np.ndarray:
 
 
 def knee_accelerations(angles: np.ndarray, *, fps: float) -> np.ndarray:
-    """Sizes of the second differences of the angles around each frame, degrees/s^2 `[shape=(T, L)]`; 0 at the ends."""
+    """Compute sizes of the second differences of the angles, degrees/s^2 `[shape=(T, L)]`; 0 at the ends."""
     angles = np.asarray(angles, dtype=np.float64)
     found = np.zeros(angles.shape)
     if len(angles) > 2:
@@ -47,7 +53,7 @@ def knees(
     angles: np.ndarray, accelerations: np.ndarray, *, fps: float, straight_degrees: float = STRAIGHT_DEGREES,
     snap_acceleration: float = SNAP_ACCELERATION,
 ) -> Knees:  # fmt: skip
-    """Straightened and snapping knees of one clip; NaN without a leg or a frame.
+    """Measure straightened and snapping knees of one clip; NaN without a leg or a frame.
 
     angles, accelerations : float [shape=(T, L)], degrees and degrees/s^2, as of the functions above
     """

@@ -1,4 +1,4 @@
-"""Does the speaker rest where the speech pauses? What is shown in pauses, and how fast the hands are there.
+"""Does the speaker rest where the speech pauses? Reference frames shown in pauses, and speeds of the hands there.
 
 Ours. A speaker who goes on gesturing through a silence looks like a machine.
 
@@ -10,13 +10,12 @@ Conventions
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
+from numpy.typing import ArrayLike
 
 
-def pause_share(paused: Sequence[bool], shown_nodes: Sequence[int], speaking: Sequence[bool]) -> float:
-    """Share of the test speech's pause frames that show a frame of a pause of the reference.
+def pause_share(paused: ArrayLike, shown_nodes: ArrayLike, speaking: ArrayLike) -> float:
+    """Compute the share of the test speech's pause frames that show a frame of a pause of the reference.
 
     paused : bool [shape=(T,)], the test speech's pauses; shown_nodes : int [shape=(T,)], the node shown at each
     output frame; speaking : bool [shape=(N,)], False at the nodes of the reference's pauses
@@ -28,10 +27,8 @@ def pause_share(paused: Sequence[bool], shown_nodes: Sequence[int], speaking: Se
     return float(np.mean(~speaking[np.asarray(shown_nodes)[paused]]))
 
 
-def mean_speed(
-    positions: np.ndarray, frames: Sequence[bool], segment_starts: Sequence[int] = (0,), *, fps: float
-) -> float:
-    """Mean speed of all joints at some frames, cm/s; NaN where none of them has a speed.
+def mean_speed(positions: np.ndarray, frames: ArrayLike, segment_starts: ArrayLike = (0,), *, fps: float) -> float:
+    """Compute the mean speed of all joints at some frames, cm/s; NaN where none of them has a speed.
 
     positions : float [shape=(T, J, 3)], cm; frames : bool [shape=(T,)]
     segment_starts : int [shape=(S,)], frames that do not follow on the one before
@@ -43,10 +40,8 @@ def mean_speed(
     return float(np.linalg.norm(steps[places] - steps[places - 1], axis=-1).mean() * fps)
 
 
-def source_speed(
-    positions: np.ndarray, nodes: Sequence[int], segment_starts: Sequence[int] = (0,), *, fps: float
-) -> float:
-    """Mean speed that the shown frames had where they were recorded, cm/s; NaN where none has a speed.
+def source_speed(positions: np.ndarray, nodes: ArrayLike, segment_starts: ArrayLike = (0,), *, fps: float) -> float:
+    """Compute the mean speed that the shown frames had where they were recorded, cm/s; NaN where none has a speed.
 
     positions : float [shape=(N, J, 3)], of the reference; nodes : int [shape=(T,)], shown, each counted as often
     as it is shown; segment_starts : int [shape=(S,)], of the reference; their frames have no speed

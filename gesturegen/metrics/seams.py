@@ -15,16 +15,16 @@ Conventions
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 FRAMES_BEFORE, FRAMES_AFTER = 2, 1
 
 
 class SeamJerk(NamedTuple):
-    """Jerk near the seams, against the jerk the same reference frames had where they were recorded.
+    """Jerk near the seams, against the jerk of the same reference frames where they were recorded.
 
     ratio : generated / source, 1 where a seam is no rougher than its material; NaN where there is none to
         compare
@@ -56,17 +56,17 @@ class JoinStatistics(NamedTuple):
 
 
 def seam_jerk(
-    positions: np.ndarray,
-    seam_frames: Sequence[int],
-    source_frames: Sequence[int],
-    source_positions: np.ndarray,
-    source_segment_starts: Sequence[int],
+    positions: ArrayLike,
+    seam_frames: ArrayLike,
+    source_frames: ArrayLike,
+    source_positions: ArrayLike,
+    source_segment_starts: ArrayLike,
     *,
     fps: float,
     radius: int = 4,
-    joints: Sequence[int] | None = None,
+    joints: ArrayLike | None = None,
 ) -> SeamJerk:
-    """Mean jerk within `radius` frames of a seam over the mean jerk of the same frames in the reference.
+    """Compute the mean jerk within `radius` frames of a seam over that of the same frames in the reference.
 
     positions : float [shape=(T, J, 3)], the output, cm
     seam_frames : int [shape=(K,)], output frames at which the right side of a seam starts
@@ -108,10 +108,8 @@ def seam_jerk(
     return SeamJerk(generated / source if source > 0 else float("nan"), generated, source, len(near))
 
 
-def join_statistics(
-    distances: Sequence[float], natural: Sequence[bool], *, n_frames: int, fps: float
-) -> JoinStatistics:
-    """How many hard joins there are and how far they jump.
+def join_statistics(distances: ArrayLike, natural: ArrayLike, *, n_frames: int, fps: float) -> JoinStatistics:
+    """Count the hard joins and measure how far they jump.
 
     distances : float [shape=(K,)], pose distance d from the successor of the left side's last node to the
         right side's first node
@@ -133,15 +131,15 @@ def join_statistics(
     )
 
 
-def _near_seams(n_frames: int, seam_frames: Sequence[int], radius: int) -> np.ndarray:
-    """Output frames within `radius` of any seam, ascending, each once."""
+def _near_seams(n_frames: int, seam_frames: ArrayLike, radius: int) -> np.ndarray:
+    """List the output frames within `radius` of any seam, ascending, each once."""
     seams = np.asarray(seam_frames, dtype=np.int64).reshape(-1, 1)
     frames = np.unique(seams + np.arange(-radius, radius + 1))
     return frames[(frames >= 0) & (frames < n_frames)]
 
 
-def _inside_segment(frames: np.ndarray, n_frames: int, segment_starts: Sequence[int]) -> np.ndarray:
-    """For each of `frames` the nearest one whose jerk lies inside its segment, -1 where there is none."""
+def _inside_segment(frames: np.ndarray, n_frames: int, segment_starts: ArrayLike) -> np.ndarray:
+    """Find, for each of `frames`, the nearest frame whose jerk lies inside its segment, -1 for none."""
     starts = np.asarray(segment_starts, dtype=np.int64)
     if not len(starts) or starts[0] != 0 or np.any(np.diff(starts) <= 0) or starts[-1] > n_frames:
         raise ValueError("source_segment_starts must ascend from 0 and stay inside the reference")
@@ -152,7 +150,9 @@ def _inside_segment(frames: np.ndarray, n_frames: int, segment_starts: Sequence[
 
 
 def _jerks_at(positions: np.ndarray, frames: np.ndarray, joints: np.ndarray | None = None) -> np.ndarray:
-    """Norms of the third difference around each of `frames`, float64 [shape=(F, J)], cm per frame^3.
+    """Compute norms of the third difference around `frames`.
+
+    Returns float64 [shape=(F, J)], cm per frame^3.
 
     Only these frames are looked at: a reference can be as large as the memory.
     """

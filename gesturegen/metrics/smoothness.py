@@ -19,7 +19,7 @@ import numpy as np
 
 
 def difference_norms(positions: np.ndarray, order: int) -> np.ndarray:
-    """Norms of the `order`-th frame difference of every joint: speed for 1, acceleration for 2, jerk for 3.
+    """Compute norms of the `order`-th frame difference of every joint: speed for 1, acceleration for 2, jerk for 3.
 
     positions : float [shape=(T, J, 3)], cm
     Returns float64 [shape=(max(T - order, 0), J)] in cm per frame ** order; row k is made of frames
@@ -35,7 +35,7 @@ def difference_norms(positions: np.ndarray, order: int) -> np.ndarray:
 
 
 def joint_accelerations(positions: np.ndarray, *, fps: float) -> np.ndarray:
-    """Mean acceleration of every joint.
+    """Compute the mean acceleration of every joint.
 
     positions : float [shape=(T, J, 3)], cm
     fps : frames per second
@@ -45,7 +45,7 @@ def joint_accelerations(positions: np.ndarray, *, fps: float) -> np.ndarray:
 
 
 def joint_jerks(positions: np.ndarray, *, fps: float) -> np.ndarray:
-    """Mean jerk of every joint.
+    """Compute the mean jerk of every joint.
 
     positions : float [shape=(T, J, 3)], cm
     fps : frames per second
@@ -55,18 +55,20 @@ def joint_jerks(positions: np.ndarray, *, fps: float) -> np.ndarray:
 
 
 def mean_acceleration(positions: np.ndarray, *, fps: float) -> float:
-    """Mean over joints of `joint_accelerations`, cm/s^2; NaN where T < 3 or there is no joint."""
+    """Compute the mean over joints of `joint_accelerations`, cm/s^2; NaN where T < 3 or there is no joint."""
     return _mean_over_joints(joint_accelerations(positions, fps=fps))
 
 
 def mean_jerk(positions: np.ndarray, *, fps: float) -> float:
-    """Mean over joints of `joint_jerks`, cm/s^3; NaN where T < 4 or there is no joint."""
+    """Compute the mean over joints of `joint_jerks`, cm/s^3; NaN where T < 4 or there is no joint."""
     return _mean_over_joints(joint_jerks(positions, fps=fps))
 
 
 def _mean_over_frames(norms: np.ndarray) -> np.ndarray:
+    """Average over frames; NaN where there is none."""
     return norms.mean(axis=0) if len(norms) else np.full(norms.shape[1], np.nan)
 
 
 def _mean_over_joints(figures: np.ndarray) -> float:
+    """Average over joints; NaN where there is none."""
     return float(figures.mean()) if len(figures) else float("nan")

@@ -16,16 +16,16 @@ Conventions
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 STUTTER_FRAMES, SAME_FRAMES, AGAIN_SECONDS = 15, 3, 10.0
 
 
 class Stays(NamedTuple):
-    """How long the motion stays with its recording; all figures NaN where there is no output.
+    """Figures of how long the motion stays with its recording; all NaN where there is no output.
 
     mean_seconds : length of a stay; stutters_per_minute; again_share : share of output frames that are shown again
     """
@@ -36,10 +36,10 @@ class Stays(NamedTuple):
 
 
 def stays(
-    shown_nodes: Sequence[int], seam_frames: Sequence[int], clip_starts: Sequence[int], *, fps: float,
+    shown_nodes: ArrayLike, seam_frames: ArrayLike, clip_starts: ArrayLike, *, fps: float,
     stutter_frames: int = STUTTER_FRAMES, same_frames: int = SAME_FRAMES, again_seconds: float = AGAIN_SECONDS,
 ) -> Stays:  # fmt: skip
-    """Length of stays, stutters and repeats of one clip.
+    """Measure the length of stays, stutters and repeats of one clip.
 
     shown_nodes : int [shape=(T,)], the node that each output frame shows
     seam_frames : int [shape=(K,)], output frames at which the right side of a seam starts; 0 and T are none
@@ -61,7 +61,7 @@ def stays(
 def shown_again(
     shown_nodes: np.ndarray, seam_frames: np.ndarray, clips: np.ndarray, *, same_frames: int, within_frames: int
 ) -> np.ndarray:
-    """Output frames whose node another stay showed shortly before, give or take a few: bool `[shape=(T,)]`.
+    """Find output frames whose node, or nearly it, another stay showed shortly before: bool `[shape=(T,)]`.
 
     shown_nodes, clips : int [shape=(T,)], shown at each output frame, and the clip that it is of
     """

@@ -12,10 +12,10 @@ Conventions
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 STILL_SPEED, STILL_SECONDS = 10.0, 0.33
 
@@ -27,22 +27,25 @@ class Stillness(NamedTuple):
     longest_seconds: float
 
 
-def hand_speeds(hands: np.ndarray, *, fps: float) -> np.ndarray:
-    """Speeds of the hands `[shape=(T, H)]`, cm/s; hands : float [shape=(T, H, 3)], seen from the pelvis, cm."""
+def hand_speeds(hands: ArrayLike, *, fps: float) -> np.ndarray:
+    """Compute the speeds of the hands `[shape=(T, H)]`, cm/s.
+
+    hands : float [shape=(T, H, 3)], seen from the pelvis, cm
+    """
     hands = np.asarray(hands, dtype=np.float64)
     if len(hands) < 2:
         return np.zeros(hands.shape[:2])
     return np.linalg.norm(np.gradient(hands, axis=0), axis=-1) * fps
 
 
-def still_frames(speeds: np.ndarray, *, fps: float, speed: float = STILL_SPEED, seconds: float = STILL_SECONDS,
-                 outside: Sequence[bool] | None = None) -> np.ndarray:  # fmt: skip
-    """Frames in stretches in which all hands are still: bool `[shape=(T,)]`.
+def still_frames(speeds: ArrayLike, *, fps: float, speed: float = STILL_SPEED, seconds: float = STILL_SECONDS,
+                 outside: ArrayLike | None = None) -> np.ndarray:  # fmt: skip
+    """Find the frames in stretches in which all hands are still: bool `[shape=(T,)]`.
 
     speeds : float [shape=(T, H)], cm/s; speed : cm/s that they stay under; seconds : shortest stretch that counts
     outside : bool [shape=(T,)], frames that may count; all by default
     """
-    still = (np.asarray(speeds) < speed).all(axis=1)
+    still: np.ndarray = np.all(np.asarray(speeds) < speed, axis=1)
     if outside is not None:
         still &= np.asarray(outside, dtype=bool)
     for start, end in _stretches(still):
@@ -52,10 +55,10 @@ def still_frames(speeds: np.ndarray, *, fps: float, speed: float = STILL_SPEED, 
 
 
 def stillness(
-    speeds: np.ndarray, paused: Sequence[bool] | None = None, *, fps: float, speed: float = STILL_SPEED,
+    speeds: ArrayLike, paused: ArrayLike | None = None, *, fps: float, speed: float = STILL_SPEED,
     seconds: float = STILL_SECONDS,
 ) -> Stillness:  # fmt: skip
-    """Share of still hands and the longest such stretch of one clip.
+    """Measure the share of still hands and the longest such stretch of one clip.
 
     speeds : float [shape=(T, H)], of the hands, cm/s; paused : bool [shape=(T,)], the pauses of its speech; none by
     default. NaN where there is no hand or no frame outside pauses.
@@ -69,14 +72,14 @@ def stillness(
     return Stillness(float(still.sum() / outside.sum()), float(longest / fps))
 
 
-def is_statue(speeds: np.ndarray, *, fps: float, speed: float = STILL_SPEED, seconds: float = STILL_SECONDS) -> bool:
-    """Whether all is still for over half of a clip, pauses or not: then no measure of alignment means anything."""
+def is_statue(speeds: ArrayLike, *, fps: float, speed: float = STILL_SPEED, seconds: float = STILL_SECONDS) -> bool:
+    """Tell whether all is still for over half of a clip, pauses or not: no measure of alignment means anything then."""
     if not np.size(speeds):
         return False
     return bool(still_frames(speeds, fps=fps, speed=speed, seconds=seconds).mean() > 0.5)
 
 
 def _stretches(chosen: np.ndarray) -> np.ndarray:
-    """First frames and ends of the runs of True `[shape=(R, 2)]`."""
+    """List first frames and ends of the runs of True `[shape=(R, 2)]`."""
     edges = np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int8))
     return np.flatnonzero(edges).reshape(-1, 2)

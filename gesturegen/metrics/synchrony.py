@@ -20,7 +20,7 @@ from gesturegen.metrics.smoothness import difference_norms
 
 
 def synchrony(generated: np.ndarray, truth: np.ndarray) -> float:
-    """Syn: mean over frames and joints of | ||v_generated|| - ||v_truth|| |.
+    """Compute Syn: mean over frames and joints of | ||v_generated|| - ||v_truth|| |.
 
         Syn = 1 / ((T - 1) J) * sum over t, j of | ||p_tj - p_(t-1)j|| - ||q_tj - q_(t-1)j|| |
 
@@ -38,7 +38,7 @@ def synchrony(generated: np.ndarray, truth: np.ndarray) -> float:
 
 
 def mean_speed(positions: np.ndarray) -> float:
-    """Mean over frames and joints of ||v||: what Syn would be against a statue.
+    """Compute the mean over frames and joints of ||v||: Syn against a statue.
 
     positions : float [shape=(T, J, 3)], cm
     Returns cm per frame; NaN where T < 2 or there is no joint. A Syn near the mean speed of the truth says no
@@ -49,4 +49,5 @@ def mean_speed(positions: np.ndarray) -> float:
 
 
 def _speeds(positions: np.ndarray, n_frames: int) -> np.ndarray:
+    """Compute the speed of every joint from frame to frame."""
     return difference_norms(np.asarray(positions)[:n_frames], 1)

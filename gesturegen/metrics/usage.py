@@ -1,4 +1,4 @@
-"""What of the reference does a clip use, how often, and does it stop where the test speech does?
+"""Which frames of the reference does a clip use, how often, and does it stop where the test speech does?
 
 Ours, but for the utilisation of the training set (§5.1.1: 0.25 % per clip on average, 17.5 % in all).
 
@@ -16,10 +16,11 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
 class ReferenceUse(NamedTuple):
-    """How one clip uses its reference.
+    """Figures of how one clip uses its reference.
 
     n_used : number of different reference frames shown
     used_share : n_used over all reference frames; NaN where the reference is empty
@@ -35,7 +36,7 @@ class ReferenceUse(NamedTuple):
 
 
 class TrainingUtilisation(NamedTuple):
-    """How much of the training set the references are.
+    """Shares of the training set that serve as references.
 
     per_clip : float64 [shape=(P,)], share of the training set's duration that each test clip draws on
     overall : share of it that any test clip draws on, every training clip counted once
@@ -45,8 +46,8 @@ class TrainingUtilisation(NamedTuple):
     overall: float
 
 
-def reference_use(source_frames: Sequence[int], n_reference_frames: int) -> ReferenceUse:
-    """Coverage and repetition of the reference in one clip.
+def reference_use(source_frames: ArrayLike, n_reference_frames: int) -> ReferenceUse:
+    """Measure coverage and repetition of the reference in one clip.
 
     source_frames : int [shape=(T,)], the reference frame (graph node) shown at each output frame
     n_reference_frames : number of frames of the clip's reference
@@ -70,8 +71,8 @@ def reference_use(source_frames: Sequence[int], n_reference_frames: int) -> Refe
     )
 
 
-def key_node_share(key_frames: Sequence[int], shown_nodes: Sequence[int], is_stop: Sequence[bool]) -> float:
-    """Share of the test speech's key nodes at which the motion shows a stop node.
+def key_node_share(key_frames: ArrayLike, shown_nodes: ArrayLike, is_stop: ArrayLike) -> float:
+    """Compute the share of the test speech's key nodes at which the motion shows a stop node.
 
     key_frames : int [shape=(K,)], frames of the key nodes in the test speech
     shown_nodes : int [shape=(T,)], the node shown at each output frame
@@ -89,7 +90,7 @@ def key_node_share(key_frames: Sequence[int], shown_nodes: Sequence[int], is_sto
 def training_utilisation(
     references: Sequence[Sequence[str]], durations_seconds: Mapping[str, float]
 ) -> TrainingUtilisation:
-    """Share of the training set that serves as reference, per test clip and for all of them (§5.1.1).
+    """Compute the share of the training set that serves as reference, per test clip and in all (§5.1.1).
 
     references : for each test clip, the names of its reference clips; a name given twice counts once
     durations_seconds : duration of every clip of the training set, used or not

@@ -1,4 +1,4 @@
-"""From a file's unit and vertical to centimetres with y up, and back."""
+"""Conversion from a file's unit and vertical to centimetres with y up, and back."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ _SIGNS = {"y": [1.0, 1.0, 1.0], "z": [1.0, 1.0, -1.0]}
 
 
 def to_inside(motion: Motion, space: Space) -> Motion:
-    """A motion as it was read, in centimetres and with y up."""
+    """Convert a motion from the unit and the vertical of its file to centimetres with y up."""
     if space == Space():
         return motion
     return _converted(motion, space.scale, space.up, space, inverse=False)
 
 
 def to_file(motion: Motion) -> Motion:
-    """A motion in the unit and with the vertical of its file."""
+    """Convert a motion to the unit and the vertical of its file."""
     space = motion.skeleton.space
     if space == Space():
         return motion
@@ -29,6 +29,7 @@ def to_file(motion: Motion) -> Motion:
 
 
 def _converted(motion: Motion, scale: float, up: str, space: Space, inverse: bool) -> Motion:
+    """Scale a motion by `scale` and exchange its axes, or exchange them back where `inverse` is set."""
     skeleton = motion.skeleton
     order = _AXES[up]
     signs = np.array(_SIGNS[up])

@@ -16,7 +16,7 @@ _SIGMOID_STEEPNESS = 10.0
 
 
 def weights(count: int, curve: str) -> np.ndarray:
-    """Weights of the right side `[shape=(count,)]`, inside (0, 1): evenly placed values through a curve."""
+    """Compute weights of the right side `[shape=(count,)]`, inside (0, 1): evenly placed values through a curve."""
     even = (np.arange(count) + 1.0) / (count + 1.0)
     if curve == "sigmoid":
         return 1.0 / (1.0 + np.exp(-_SIGMOID_STEEPNESS * (even - 0.5)))
@@ -26,7 +26,7 @@ def weights(count: int, curve: str) -> np.ndarray:
 
 
 def mix_rotations(left: np.ndarray, right: np.ndarray, amount: np.ndarray, how: str) -> np.ndarray:
-    """Rotations between `left` (amount 0) and `right` (amount 1), by SLERP or weighted exponential maps."""
+    """Interpolate from `left` (amount 0) to `right` (amount 1), by SLERP or weighted exponential maps."""
     if how == "slerp":
         return rotation.slerp(left, right, amount)
     start, end = rotation.to_expmap(left), rotation.to_expmap(right)
@@ -56,7 +56,7 @@ def crossfade(rotations: np.ndarray, positions: np.ndarray, seam: int, right_end
 
 
 def spring_decay(offset: np.ndarray, velocity: np.ndarray, times: np.ndarray, half_life: float) -> np.ndarray:
-    """An offset and its velocity brought to zero by a critically damped spring, at `times` in seconds.
+    """Decay an offset and its velocity to zero by a critically damped spring, at `times` in seconds.
 
     offset, velocity : `[shape=(..., D)]`; times : `[shape=(n,)]`; returns `[shape=(n, ..., D)]`.
     Inertialization: Bollo, Inertialization, GDC 2018; the spring is Holden's.
@@ -76,7 +76,7 @@ _THIRD_DIFFERENCE = (-1.0, 3.0, -3.0, 1.0)
 def least_jerk(
     rotations: np.ndarray, positions: np.ndarray, jumps: np.ndarray, reach: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rotations and positions with a correction that takes the jerk out of jumps, on both sides of them.
+    """Correct rotations and positions on both sides of jumps so that the jerk of the jumps disappears.
 
     jumps : bool `[shape=(T,)]`, frames that do not follow on the one before; reach : of a correction, in frames
 
@@ -105,13 +105,13 @@ def least_jerk(
 
 
 def _steps(rotations: np.ndarray) -> np.ndarray:
-    """Rotation vectors from frame to frame `[shape=(T - 1, J * 3)]`."""
+    """Compute the rotation vectors from frame to frame `[shape=(T - 1, J * 3)]`."""
     steps = rotation.to_expmap(rotation.multiply(rotations[1:], rotation.inverse(rotations[:-1])))
     return steps.reshape(len(steps), -1)
 
 
 def _correction(wanted: np.ndarray, so_far: np.ndarray, reach: float) -> np.ndarray:
-    """The c `[shape=(T, K)]` that minimises |third difference of c - wanted|^2 + reach^-6 |so_far + c|^2."""
+    """Find the c `[shape=(T, K)]` that minimises |third difference of c - wanted|^2 + reach^-6 |so_far + c|^2."""
     count, spring = len(so_far), min(reach, _LONGEST_REACH) ** -6.0
     matrix = np.zeros((4, count))  # the upper bands of D^T D + spring, the diagonal last
     right = -spring * so_far

@@ -1,4 +1,4 @@
-"""Parts of the body, told from the hierarchy and the rest pose: legs, trunk, limbs, fingers."""
+"""Parts of the body, derived from the hierarchy and the rest pose: legs, trunk, limbs, fingers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gesturegen.motion.skeleton import Skeleton
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Joint numbers, ascending. Every joint is in either `upper` or `lower`.
+    """The joints of the upper and the lower body, ascending; every joint is in either `upper` or `lower`.
 
     upper : int [shape=(U,)], trunk, head and arms
     lower : int [shape=(L,)], the pelvis, what is above it in the hierarchy, and legs
@@ -26,7 +26,7 @@ class Body:
 
 
 def split(skeleton: Skeleton, pelvis: int) -> Body:
-    """The upper and the lower body, and the limbs of the upper one.
+    """Split a skeleton into the upper and the lower body, and list the limbs of the upper one.
 
     A branch of the pelvis is part of the lower body when it has an ankle and of the upper one when it has the head or
     a wrist (`roles`). Of another branch the rest pose decides (y up): the lower body has it when its joint or end
@@ -49,7 +49,7 @@ def split(skeleton: Skeleton, pelvis: int) -> Body:
 
 
 def fingers(skeleton: Skeleton, wrist_names: Sequence[str]) -> np.ndarray:
-    """The joints below any of the named wrists, themselves not named: int `[shape=(K,)]`, ascending.
+    """List the joints below any of the named wrists, without these wrists: int `[shape=(K,)]`, ascending.
 
     Names that the skeleton does not have say nothing.
     """
@@ -58,11 +58,12 @@ def fingers(skeleton: Skeleton, wrist_names: Sequence[str]) -> np.ndarray:
 
 
 def _numbers(joints: Iterable[int]) -> np.ndarray:
+    """Sort joints to an int64 array."""
     return np.array(sorted(joints), dtype=np.int64)
 
 
 def rest_positions(skeleton: Skeleton) -> np.ndarray:
-    """World positions `[shape=(J, 3)]` where no joint turns."""
+    """Compute world positions `[shape=(J, 3)]` in the pose in which no joint turns."""
     rest = np.array(skeleton.offsets, dtype=np.float64)
     for joint, parent in enumerate(skeleton.parents):
         if parent >= 0:
@@ -71,6 +72,7 @@ def rest_positions(skeleton: Skeleton) -> np.ndarray:
 
 
 def _hangs(skeleton: Skeleton, rest: np.ndarray, joints: list[int], pelvis: np.ndarray) -> bool:
+    """Tell whether the point of a branch that is farthest from the pelvis lies below it at rest."""
     ends = rest[joints] + skeleton.end_sites[joints]
     places = np.concatenate([rest[joints], ends[~np.isnan(ends).any(axis=1)]])
     farthest = places[np.argmax(np.linalg.norm(places - pelvis, axis=1))]
@@ -78,7 +80,7 @@ def _hangs(skeleton: Skeleton, rest: np.ndarray, joints: list[int], pelvis: np.n
 
 
 def _chest(skeleton: Skeleton, joint: int) -> int | None:
-    """The first joint from `joint` upwards where two chains part; None where there is none.
+    """Find the first joint from `joint` upwards where two chains part; None where there is none.
 
     A chain is two joints or more: helpers such as GENEA's `p_navel` are single joints beside the spine.
     """

@@ -1,4 +1,4 @@
-"""BVH files: read any dialect in the wild, refuse what is broken, write challenge-ready files.
+"""BVH files: read in any dialect in the wild, refused when broken, written as the challenge demands.
 
 Conventions: rotation order is read per joint from CHANNELS and is intrinsic; a position channel replaces
 the joint's OFFSET; Euler angles and degrees exist only here.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from pathlib import Path
 from typing import BinaryIO
@@ -56,13 +56,16 @@ def read(path: str | Path) -> Motion:
 
 
 def read_skeleton(path: str | Path) -> Skeleton:
-    """The skeleton of a BVH file; its frames are not read."""
+    """Read the skeleton of a BVH file, without its frames."""
     path = Path(path)
     return _Hierarchy(path, _split(path, _read_text(path, header_only=True))[0]).parse()
 
 
 def write(path: str | Path, motion: Motion) -> str:
-    """Write `motion` in the hierarchy and channel order of its skeleton, six decimals, all or nothing; its hash."""
+    """Write `motion` in the hierarchy and channel order of its skeleton, six decimals, all or nothing.
+
+    Returns the hash of the file.
+    """
     digest = hashlib.sha256()
 
     def fill(file: BinaryIO) -> None:
@@ -76,11 +79,12 @@ def write(path: str | Path, motion: Motion) -> str:
 
 
 def format_bvh(motion: Motion) -> str:
+    """Format a motion as the text of a BVH file."""
     return "".join(_blocks(motion))
 
 
 def _blocks(motion: Motion) -> Iterator[str]:
-    """The text of a file, some hundred frames at a time: numbers as text take much more memory than as numbers."""
+    """Yield the text of a file, some hundred frames at a time: text takes much more memory than numbers."""
     values = _to_channels(motion)
     constant = np.ptp(values, axis=0) == 0
     # Most columns never change (the non-root positions of GENEA files): format them once.
@@ -92,12 +96,16 @@ def _blocks(motion: Motion) -> Iterator[str]:
 
 
 def hierarchy_text(
-    names: list[str], parents: list[int], offsets: np.ndarray, end_sites: np.ndarray, channels: list[tuple[str, ...]]
+    names: Sequence[str],
+    parents: Sequence[int],
+    offsets: np.ndarray,
+    end_sites: np.ndarray,
+    channels: Sequence[tuple[str, ...]],
 ) -> str:
-    """The HIERARCHY section of a skeleton that was not read from a file."""
+    """Format the HIERARCHY section of a skeleton that was not read from a file."""
     lines = ["HIERARCHY"]
 
-    def triple(vector) -> str:
+    def triple(vector: np.ndarray) -> str:
         return " ".join(f"{value:.6f}" for value in vector)
 
     def add(joint: int, depth: int) -> None:
@@ -119,7 +127,7 @@ def hierarchy_text(
 
 
 def _read_text(path: Path, header_only: bool = False) -> str:
-    """The text of a file, up to its MOTION line where only the hierarchy is wanted."""
+    """Read the text of a file, up to its MOTION line where only the hierarchy is wanted."""
     if header_only:
         with inputs.open_regular(path, most_bytes=MOST_BYTES) as file:
             lines = []
@@ -143,7 +151,7 @@ def _read_text(path: Path, header_only: bool = False) -> str:
 
 
 def _split(path: Path, text: str) -> tuple[list[str], str, int]:
-    """Hierarchy lines, the text after the line MOTION, and the line number at which that text starts."""
+    """Split a file into hierarchy lines, the text after the line MOTION, and the line number of that text."""
     for marker in ("<<<<<<<", ">>>>>>>"):
         # The plain look first: a multi-line pattern over a long file takes a second.
         found = re.search(rf"^{marker}", text, re.MULTILINE) if marker in text else None
@@ -166,7 +174,10 @@ def _split(path: Path, text: str) -> tuple[list[str], str, int]:
 
 
 def _lines(text: str) -> list[str]:
-    """Lines as editors count them; str.splitlines() also splits at characters that a joint name may hold."""
+    """Split a text into lines as editors count them.
+
+    str.splitlines() also splits at characters that a joint name may hold.
+    """
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     return lines[:-1] if lines[-1] == "" else lines
 
@@ -185,9 +196,11 @@ class _Hierarchy:
         self.ended: set[int] = set()  # joints that have an End Site
 
     def fail(self, line: int, message: str) -> DataError:
+        """Return the error for a line of the file."""
         return DataError(f"{inputs.shown(self.path)}:{line}: {message}")
 
     def parse(self) -> Skeleton:
+        """Read all lines to a skeleton; raises DataError for the first line that is broken."""
         stack: list[int | None] = []  # joint numbers; None inside an End Site
         pending: int | str | None = "none"  # what the next brace opens
         offset_seen: set[int] = set()
@@ -207,7 +220,7 @@ class _Hierarchy:
             while words:
                 word, keyword = words[0], words[0].upper()
                 if word == "{":
-                    if pending == "none":
+                    if isinstance(pending, str):
                         raise self.fail(number, "a brace opens that belongs to no joint; check the hierarchy")
                     if len(stack) == MOST_LEVELS:
                         raise self.fail(number, f"more than {MOST_LEVELS} levels of joints; export the motion again")
@@ -256,10 +269,12 @@ class _Hierarchy:
 
     @staticmethod
     def _until_brace(words: list[str]) -> tuple[str, list[str]]:
+        """Split words at the first opening brace: the text before it, and the words from it on."""
         end = words.index("{") if "{" in words else len(words)
         return " ".join(words[:end]), words[end:]
 
     def _add_joint(self, number: int, keyword: str, name: str, stack: list[int | None]) -> int:
+        """Add a joint below the innermost open one and return its number."""
         if not name:
             raise self.fail(number, f"{keyword} without a name")
         if not name.isprintable() and re.search("[\x00-\x1f\x7f]", name):
@@ -272,20 +287,24 @@ class _Hierarchy:
             raise self.fail(number, f"joint name {name!r} stands twice; rename one of the joints")
         if keyword == "ROOT" and self.names:
             raise self.fail(number, f"a second ROOT {name!r}; only one skeleton per file can be read")
-        if keyword == "JOINT" and (not stack or stack[-1] is None):
-            raise self.fail(number, f"JOINT {name!r} stands outside any joint; check the braces")
+        parent = -1
+        if keyword == "JOINT":
+            if not stack or stack[-1] is None:
+                raise self.fail(number, f"JOINT {name!r} stands outside any joint; check the braces")
+            parent = stack[-1]
         self.names.append(name)
-        self.parents.append(-1 if keyword == "ROOT" else stack[-1])
+        self.parents.append(parent)
         self.offsets.append([0.0, 0.0, 0.0])
         self.end_sites.append([np.nan] * 3)
         self.channels.append(())
         return len(self.names) - 1
 
     def _set_offset(self, number: int, words: list[str], stack: list, offset_seen: set[int]) -> None:
+        """Set the OFFSET of the innermost open joint or End Site."""
         if not self.names or not stack:
             raise self.fail(number, "OFFSET outside any joint; check the braces")
-        offset = [inputs.decimal(word) for word in words]
-        if len(offset) != 3 or None in offset or np.abs(offset).max() > _LARGEST_VALUE:
+        offset = [value for word in words if (value := inputs.decimal(word)) is not None]
+        if len(offset) != 3 or np.abs(offset).max() > _LARGEST_VALUE:
             found = inputs.shown(" ".join(words)[:60])
             raise self.fail(number, f"OFFSET needs three numbers of at most {_LARGEST_VALUE:g}, found {found!r}")
         if stack[-1] is None:
@@ -297,6 +316,7 @@ class _Hierarchy:
             offset_seen.add(stack[-1])
 
     def _set_channels(self, number: int, words: list[str], stack: list[int | None]) -> list[str]:
+        """Set the channels of the innermost open joint and return the words that follow."""
         if not stack or stack[-1] is None:
             raise self.fail(number, "CHANNELS outside any joint; check the braces")
         if not words or not re.fullmatch("[0-9]{1,3}", words[0]):
@@ -324,7 +344,7 @@ class _Hierarchy:
 
 
 def _read_frames(path: Path, body: str, line: int, skeleton: Skeleton) -> tuple[str, np.ndarray]:
-    """The frame time in seconds, as it is printed, and the channel values `[shape=(T, n_channels)]`."""
+    """Read the frame time in seconds, as it is printed, and the channel values `[shape=(T, n_channels)]`."""
     declared, frame_line, frame_time, rows, first_line = _frames_and_time(path, body, line)
     count = sum(1 for row in _lines(rows) if row.strip())
     width = skeleton.n_channels
@@ -359,7 +379,11 @@ def _read_frames(path: Path, body: str, line: int, skeleton: Skeleton) -> tuple[
 
 
 def _frames_and_time(path: Path, body: str, line: int) -> tuple[int, int, str, str, int]:
-    """`Frames` and its line, `Frame Time` in seconds, the text of the rows below and the line it starts at."""
+    """Read the lines `Frames` and `Frame Time` of a MOTION section.
+
+    Returns `Frames` and its line number, `Frame Time` in seconds as text, the text of the rows below and the number of
+    their first line.
+    """
     found, place, number = [], 0, line
     for words in (["FRAMES"], ["FRAME", "TIME"]):
         own, text = number, ""
@@ -415,6 +439,7 @@ def _find_bad_row(path: Path, rows: str, first_line: int, skeleton: Skeleton, de
 
 
 def _column_name(skeleton: Skeleton, column: int) -> str:
+    """Name the joint and the channel of a column of values."""
     names = [
         f"{joint} {channel}"
         for joint, channels in zip(skeleton.names, skeleton.channels, strict=True)
@@ -428,7 +453,7 @@ _CUSTOMARY_RATES = (24, 25, 30, 48, 50, 60, 72, 90, 100, 120, 144, 180, 200, 240
 
 
 def frames_per_second(frame_time: str) -> float:
-    """The rate that a printed frame time in seconds stands for.
+    """Compute the rate that a printed frame time in seconds stands for.
 
     A whole number whose period, rounded or cut off to as many digits (or to the precision of 32 bits), is what is
     printed, where there is just one, or just one customary one; else what the digits say. So 0.0333 is 30, and
@@ -451,11 +476,12 @@ def frames_per_second(frame_time: str) -> float:
 
 
 def _rotation_order(channels: tuple[str, ...]) -> str:
+    """Return the order of a joint's rotation channels, such as `ZXY`."""
     return "".join(name[0] for name in channels if name.endswith("rotation"))
 
 
-def _columns(skeleton: Skeleton):
-    """Per joint: its number, position columns [(column, axis)], rotation columns and rotation order."""
+def _columns(skeleton: Skeleton) -> Iterator[tuple[int, list[tuple[int, int]], list[int], str]]:
+    """Yield per joint its number, position columns [(column, axis)], rotation columns and rotation order."""
     column = 0
     for joint, channels in enumerate(skeleton.channels):
         positions = [
@@ -467,6 +493,7 @@ def _columns(skeleton: Skeleton):
 
 
 def _to_motion(skeleton: Skeleton, values: np.ndarray, fps: float) -> Motion:
+    """Convert channel values `[shape=(T, n_channels)]` to a motion."""
     frames, joints = len(values), len(skeleton.names)
     rotations = np.tile(rotation.IDENTITY, (frames, joints, 1))
     positions = np.tile(skeleton.offsets, (frames, 1, 1))
@@ -480,16 +507,16 @@ def _to_motion(skeleton: Skeleton, values: np.ndarray, fps: float) -> Motion:
             columns_of.append(rotation_columns)
     still = np.ptp(values, axis=0) == 0
     for order, (joints_of, columns_of) in by_order.items():
-        joints, columns = np.array(joints_of), np.array(columns_of)
+        turning, columns = np.array(joints_of), np.array(columns_of)
         # A third of GENEA's joints never turn: convert their one pose once.
         constant = still[columns].all(axis=1)
-        rotations[:, joints[constant]] = rotation.from_euler(order, np.radians(values[:1][:, columns[constant]]))
-        rotations[:, joints[~constant]] = rotation.from_euler(order, np.radians(values[:, columns[~constant]]))
+        rotations[:, turning[constant]] = rotation.from_euler(order, np.radians(values[:1][:, columns[constant]]))
+        rotations[:, turning[~constant]] = rotation.from_euler(order, np.radians(values[:, columns[~constant]]))
     return Motion(skeleton, rotations, positions, fps, *_written_angles(skeleton, values))
 
 
 def _written_angles(skeleton: Skeleton, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The angles of joints that a file writes otherwise than they would be from the rotations (`Motion`)."""
+    """Collect the angles that a file writes otherwise than conversion from rotations would give them (`Motion`)."""
     joints, angles = [], []
     for joint, _, columns, _ in _columns(skeleton):
         if columns:
@@ -504,7 +531,9 @@ def _written_angles(skeleton: Skeleton, values: np.ndarray) -> tuple[np.ndarray,
 
 
 def _to_channels(motion: Motion) -> np.ndarray:
-    """Channel values `[shape=(T, n_channels)]`; a joint with one rotation channel keeps that axis's share.
+    """Convert a motion to channel values; a joint with one rotation channel keeps that axis's share.
+
+    Returns float `[shape=(T, n_channels)]`.
 
     Angles are those nearest to the frame before, and a source's own where its frames are taken over (`euler`).
     """

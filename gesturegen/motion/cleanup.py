@@ -15,7 +15,7 @@ _FRAMES_AT_ONCE = 2000
 
 
 def resample(motion: Motion, fps: float) -> Motion:
-    """The motion at `fps`, rotations by SLERP, positions linearly, inside its first and last frame."""
+    """Resample a motion to `fps`, rotations by SLERP, positions linearly, inside its first and last frame."""
     if motion.fps == fps:
         return motion
     last = motion.n_frames - 1
@@ -25,7 +25,7 @@ def resample(motion: Motion, fps: float) -> Motion:
 
 
 def interpolate(motion: Motion, times: np.ndarray) -> Motion:
-    """Poses at fractional frame numbers `times` `[shape=(n,)]`, 0 to T - 1."""
+    """Interpolate poses at fractional frame numbers `times` `[shape=(n,)]`, 0 to T - 1."""
     low = np.minimum(np.floor(times).astype(int), motion.n_frames - 1)
     high = np.minimum(low + 1, motion.n_frames - 1)
     joints = len(motion.skeleton.names)
@@ -41,7 +41,7 @@ def interpolate(motion: Motion, times: np.ndarray) -> Motion:
 
 
 def mix(left: Motion, right: Motion, amounts: np.ndarray) -> Motion:
-    """Frame by frame between two motions: `left` at amount 0, `right` at amount 1 `[shape=(T,)]`."""
+    """Interpolate between two motions frame by frame: `left` at amount 0, `right` at amount 1 `[shape=(T,)]`."""
     weights = amounts[:, None]
     rotations = rotation.slerp(left.rotations, right.rotations, weights)
     weights = weights[..., None]
@@ -49,7 +49,7 @@ def mix(left: Motion, right: Motion, amounts: np.ndarray) -> Motion:
 
 
 def clean_wrists(motion: Motion, segment_starts: np.ndarray, settings: Wrists) -> tuple[Motion, list[str]]:
-    """Lock yaw and pitch of the wrist joints and filter their roll (§3), and notes on what was not done.
+    """Lock yaw and pitch of the wrist joints and filter their roll (§3); also returns notes on what was not done.
 
     Angles are intrinsic in `settings.axes`, roll (about the joint's own length) first. Yaw and pitch are
     locked to their circular median over the clip; roll is unwrapped and passed through a Savitzky-Golay
@@ -84,7 +84,7 @@ def clean_wrists(motion: Motion, segment_starts: np.ndarray, settings: Wrists) -
 
 
 def circular_median(angles: np.ndarray) -> float:
-    """The median of `angles` `[shape=(n,)]` in radians, taken around their circular mean.
+    """Compute the median of `angles` `[shape=(n,)]` in radians, taken around their circular mean.
 
     Equal to the ordinary median wherever the angles lie within a half circle.
     """
@@ -93,7 +93,7 @@ def circular_median(angles: np.ndarray) -> float:
 
 
 def tracking_jumps(positions: np.ndarray, fps: float, max_joint_speed: float | None) -> np.ndarray:
-    """Frames `[shape=(K,)]` whose successor is a tracking jump: a joint faster than `max_joint_speed`.
+    """Find frames `[shape=(K,)]` before a tracking jump: a step with a joint faster than `max_joint_speed`.
 
     positions : `[shape=(T, J, 3)]` in world units; max_joint_speed : units per second, None for no check.
     """

@@ -1,4 +1,4 @@
-"""Euler angles as curves: of all angles that mean one rotation, those nearest to the frame before.
+"""Euler angles as curves: of all angles of one rotation, those nearest to the frame before.
 
 Intrinsic angles (a, b, c) turn as (a + 180, 180 - b, c + 180) do, and whole turns of any angle change nothing. Where b
 is a right angle only a + c or a - c matters. What is between two frames depends on the choice, so a file whose curves
@@ -24,7 +24,7 @@ _LOCKED = 1e-6
 def continuous(
     order: str, angles: np.ndarray, rotations: np.ndarray, written: np.ndarray | None = None, one_axis: bool = False
 ) -> np.ndarray:
-    """Equivalent angles of one joint without jumps, degrees `[shape=(T, 3)]`.
+    """Unwrap the angles of one joint to equivalent ones without jumps, degrees `[shape=(T, 3)]`.
 
     angles : any angles of the rotations `[shape=(T, 4)]`, in the three-letter intrinsic `order`
     written : angles that a file wrote for the frames, NaN where none `[shape=(T, 3)]`. While frames turn as written
@@ -46,7 +46,8 @@ def continuous(
     result: list[list[float]] = []
     mirrored = False  # whether the curves are those of the file with the other equivalent angles
     # Plain numbers: arrays of three take ten times as long.
-    rows, own_rows = np.asarray(angles, dtype=np.float64).tolist(), None if written is None else written.tolist()
+    rows: list[list[float]] = np.asarray(angles, dtype=np.float64).tolist()
+    own_rows: list[list[float]] = [] if written is None else written.tolist()
     for frame, (own, took) in enumerate(zip(rows, taken.tolist(), strict=True)):
         expected = result[-1] if frame else own
         if took and not frame:
@@ -66,7 +67,7 @@ def continuous(
 
 
 def _nearest(own: list[float], expected: list[float], parity: float, one_axis: bool) -> list[float]:
-    """Of the angles that mean what `own` do those nearest to the expected ones."""
+    """Choose, of all angles equivalent to `own`, those nearest to the expected ones."""
 
     def turned(angles: list[float]) -> list[float]:
         return [a + 360.0 * round((e - a) / 360.0) for a, e in zip(angles, expected, strict=True)]
@@ -74,11 +75,12 @@ def _nearest(own: list[float], expected: list[float], parity: float, one_axis: b
     if one_axis:
         return turned(own)
     choices = []
-    for a, b, c in (own, (own[0] + 180.0, 180.0 - own[1], own[2] + 180.0)):
+    for first, b, last in (own, (own[0] + 180.0, 180.0 - own[1], own[2] + 180.0)):
         if abs(math.cos(math.radians(b))) < _LOCKED:
             sign = math.copysign(parity, parity * math.sin(math.radians(b)))
-            off = (a + sign * c) - (expected[0] + sign * expected[2])
+            off = (first + sign * last) - (expected[0] + sign * expected[2])
             off -= 360.0 * round(off / 360.0)
-            a, c = expected[0] + off / 2.0, expected[2] + sign * off / 2.0
-        choices.append(turned([a, b, c]))
+            choices.append(turned([expected[0] + off / 2.0, b, expected[2] + sign * off / 2.0]))
+        else:
+            choices.append(turned([first, b, last]))
     return min(choices, key=lambda angles: sum(abs(a - e) for a, e in zip(angles, expected, strict=True)))

@@ -1,4 +1,4 @@
-"""Feet on the floor: where they bear weight, and legs bent so that such feet do not slide.
+"""Foot contacts, and foot locking: legs are bent so that feet which bear weight do not slide.
 
 The cleaning of foot skate by inverse kinematics is that of Kovar, Schreiner and Gleicher (2002), with the two
 bones of a leg solved in closed form; how an offset builds up and goes is ours.
@@ -33,7 +33,7 @@ _SMOOTHING = 1.0
 def contacts(
     positions: np.ndarray, *, height: float = CONTACT_HEIGHT, floor_percentile: float = FLOOR_PERCENTILE
 ) -> np.ndarray:
-    """Which feet are near the floor.
+    """Tell which feet are near the floor.
 
     positions : float [shape=(T, F, 3)], world positions of the foot joints, cm, y up
     height : cm above the foot's floor up to which it is in contact
@@ -48,7 +48,7 @@ def contacts(
 
 @dataclass(frozen=True)
 class Leg:
-    """The joints of a leg, each at a place of its own."""
+    """The numbers of the hip, knee and ankle joints of a leg, no two of which lie at the same place."""
 
     hip: int
     knee: int
@@ -56,7 +56,7 @@ class Leg:
 
 
 def leg_of(skeleton: Skeleton, foot: int) -> Leg | None:
-    """The leg above a foot joint; None where the skeleton has no two bones there.
+    """Find the leg above a foot joint; None where the skeleton has no two bones there.
 
     The ankle is the highest joint at the foot's own place: skeletons have twist joints. Where the foot is recognised as
     an ankle, knee and hip are those of its leg: twist joints may also lie along a bone.
@@ -81,7 +81,7 @@ def leg_of(skeleton: Skeleton, foot: int) -> Leg | None:
 def lock(
     motion: Motion, recorded: Motion, recorded_contacts: np.ndarray, jumps: np.ndarray, pelvis: int, settings: Feet
 ) -> Motion:
-    """The motion with its feet held where they bear weight.
+    """Hold the feet of a motion where they bear weight.
 
     recorded : the frames as they were recorded, one for each of `motion`
     recorded_contacts : bool `[shape=(T, F)]`, whether the foot bore weight there, for the configured feet
@@ -114,23 +114,24 @@ def lock(
 
 
 def _turns(motion: Motion, recorded: Motion, pelvis: int) -> np.ndarray:
-    """By how much the motion's heading is turned from the recording's, radians `[shape=(T,)]`."""
+    """Compute how far the motion's heading is turned from the recording's, radians `[shape=(T,)]`."""
     here, there = (kinematics.world_transforms(m, [pelvis])[0][:, 0] for m in (motion, recorded))
     return rotation.heading(rotation.multiply(here, rotation.inverse(there)))
 
 
 def _ground_steps(motion: Motion, joint: int) -> np.ndarray:
-    """How a joint moves over the floor from frame to frame, x and z `[shape=(T - 1, 2)]`."""
+    """Compute how a joint moves over the floor from frame to frame, x and z `[shape=(T - 1, 2)]`."""
     return np.diff(kinematics.joint_positions(motion, [joint])[:, 0, [0, 2]], axis=0)
 
 
 def _turned(steps: np.ndarray, turns: np.ndarray) -> np.ndarray:
+    """Turn steps over the floor `[shape=(T, 2)]` about the vertical by radians `[shape=(T,)]`."""
     cosine, sine = np.cos(turns), np.sin(turns)
     return np.column_stack([cosine * steps[:, 0] + sine * steps[:, 1], cosine * steps[:, 1] - sine * steps[:, 0]])
 
 
 def _offsets(held: np.ndarray, missing: np.ndarray, fps: float, settings: Feet) -> np.ndarray:
-    """By how much each frame's feet are to be moved `[shape=(T, F, 3)]`.
+    """Compute how far the feet are to be moved in each frame: over the floor and up `[shape=(T, F, 3)]`.
 
     held : bool `[shape=(T - 1, F)]`, steps that are made on the floor
     missing : `[shape=(T - 1, F, 2)]`, by how much they fall short, over the floor
@@ -161,13 +162,13 @@ def _offsets(held: np.ndarray, missing: np.ndarray, fps: float, settings: Feet) 
 
 
 def _leg_lengths(motion: Motion, leg: Leg) -> np.ndarray:
-    """Distances from hip to ankle `[shape=(T,)]`."""
+    """Compute the distances from hip to ankle `[shape=(T,)]`."""
     places = kinematics.joint_positions(motion, [leg.hip, leg.ankle])
     return np.linalg.norm(places[:, 1] - places[:, 0], axis=1)
 
 
 def _leg_range(recorded: Motion, leg: Leg, settings: Feet) -> tuple[float, float]:
-    """How short and how long a leg may become: as in the recording, or as any leg does that steps or stands."""
+    """Compute the least and greatest length of a leg: as in the recording, or as in any stepping or standing leg."""
     places = kinematics.joint_positions(recorded.take(slice(0, 1)), [leg.hip, leg.knee, leg.ankle])[0]
     thigh, shin = (float(np.linalg.norm(end - start)) for start, end in pairwise(places))
     standing = np.sqrt(thigh**2 + shin**2 + 2.0 * thigh * shin * np.cos(_STANDING_BEND))
@@ -177,7 +178,7 @@ def _leg_range(recorded: Motion, leg: Leg, settings: Feet) -> tuple[float, float
 
 
 def _stretched(length: np.ndarray, wanted: np.ndarray, longest: float) -> np.ndarray:
-    """The wanted lengths, but none stretched over the longest: the nearer they come to it, the more slowly.
+    """Limit the wanted lengths of a leg to the longest: the nearer they come to it, the more slowly they grow.
 
     A leg near its full length turns its knee by many degrees for a millimetre: reached at full pace, it snaps.
     Slowed only over the last 3 mm it still does, eight times as often on the real sample.
@@ -188,7 +189,7 @@ def _stretched(length: np.ndarray, wanted: np.ndarray, longest: float) -> np.nda
 
 
 def _shortened(length: np.ndarray, wanted: np.ndarray, shortest: float) -> np.ndarray:
-    """The wanted lengths, but none bent under the shortest: a step must not become a crouch.
+    """Limit the wanted lengths of a leg to the shortest: a step must not become a crouch.
 
     A bent knee turns evenly with its leg's length, so that only the last part of the way is slowed.
     """

@@ -1,4 +1,4 @@
-"""Forward kinematics: where the joints are."""
+"""Forward kinematics: joint positions from local rotations."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gesturegen.motion.skeleton import Motion, Skeleton
 
 
 def world_transforms(motion: Motion, joints: list[int] | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """World rotations `[shape=(T, K, 4)]` and positions `[shape=(T, K, 3)]` of `joints` (all by default).
+    """Compute world rotations `[shape=(T, K, 4)]` and positions `[shape=(T, K, 3)]` of `joints` (all by default).
 
     Every ancestor is evaluated on the full skeleton; joints are selected afterwards (§3).
     """
@@ -34,21 +34,23 @@ def world_transforms(motion: Motion, joints: list[int] | None = None) -> tuple[n
 
 
 def joint_positions(motion: Motion, joints: list[int] | None = None) -> np.ndarray:
-    """World positions `[shape=(T, K, 3)]` of `joints` in file units."""
+    """Compute world positions `[shape=(T, K, 3)]` of `joints` in file units."""
     return world_transforms(motion, joints)[1]
 
 
 def _with_ancestors(skeleton: Skeleton, joints: list[int]) -> list[int]:
+    """List joints with all of their ancestors, ascending."""
     needed: set[int] = set()
     for joint in joints:
-        while joint >= 0 and joint not in needed:
-            needed.add(joint)
-            joint = int(skeleton.parents[joint])
+        above = joint
+        while above >= 0 and above not in needed:
+            needed.add(above)
+            above = int(skeleton.parents[above])
     return sorted(needed)
 
 
 def travelling_joint(motions: Sequence[Motion]) -> int:
-    """The first joint whose position channels vary (`body_world` in GENEA data), else the root.
+    """Find the first joint whose position channels vary (`body_world` in GENEA data), else the root.
 
     motions : of one skeleton; positions that differ between them vary too
     """
@@ -58,7 +60,7 @@ def travelling_joint(motions: Sequence[Motion]) -> int:
 
 
 def relative_positions(motion: Motion, joints: list[int], pelvis: int, relative_to: str) -> np.ndarray:
-    """World positions `[shape=(T, K, 3)]` of `joints` seen from the pelvis.
+    """Compute world positions `[shape=(T, K, 3)]` of `joints` relative to the pelvis.
 
     `world`: as they are; `root`: minus the pelvis's position, heading kept; `root_heading`: turned by the
     pelvis's heading as well, so that the direction the speaker faces does not count.

@@ -1,4 +1,4 @@
-"""Motion seen in a mirror: left and right exchanged, so that one recording serves for two."""
+"""Mirrored motion: left and right exchanged, so that one recording serves for two."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ _REFLECTED_POSITION = np.array([-1.0, 1.0, 1.0])
 
 
 def partners(names: Sequence[str], pairs: Sequence[tuple[str, str]] = ()) -> np.ndarray:
-    """For each joint the one on the other side of the body, itself in the middle: int `[shape=(J,)]`.
+    """Find the partner of each joint on the other side of the body: int `[shape=(J,)]`.
+
+    A joint in the middle is its own partner.
 
     pairs : names that belong together whatever they are; a joint paired with itself has no partner
     Other joints are paired where one side marker in a name, exchanged for its opposite, gives the name of
@@ -54,20 +56,21 @@ def partners(names: Sequence[str], pairs: Sequence[tuple[str, str]] = ()) -> np.
 
 
 def _opposites(name: str) -> list[str]:
-    """The name with each of its side markers exchanged, one at a time."""
+    """List the names in which one side marker of `name` is exchanged for its opposite."""
     found = [name[: side.start()] + _OTHER[side[0]] + name[side.end() :] for side in _SIDE.finditer(name)]
     # `lfemur`, of CMU's own skeletons.
     return found + ([_OTHER[name[0]] + name[1:]] if name[:1] in _OTHER and name[1:] in LIMB_WORDS else [])
 
 
 def _unknown(name: str, names: list[str]) -> str:
+    """Describe a joint of a mirror pair that the skeleton does not have, with the nearest name."""
     near = get_close_matches(name, names, n=1, cutoff=0.4)
     hint = f", nearest is {near[0]!r}" if near else ""
     return f"a mirror pair names joint {name!r}, which the skeleton does not have{hint}; it has: {', '.join(names)}"
 
 
 def mirror(motion: Motion, partners: np.ndarray) -> Motion:
-    """The motion reflected at the plane x = 0.
+    """Reflect a motion at the plane x = 0.
 
     partners : int `[shape=(J,)]`, each joint's partner on the other side, itself in the middle
     Assumes a rest pose whose local axes are parallel to the world's, as in BVH, of a body that faces along z,
@@ -85,7 +88,7 @@ def mirror(motion: Motion, partners: np.ndarray) -> Motion:
 
 
 def mirror_places(motion: Motion, partners: np.ndarray) -> Motion:
-    """The motion reflected at the plane x = 0, whatever the local axes of its joints are at rest.
+    """Reflect a motion at the plane x = 0, whatever the local axes of its joints are at rest.
 
     partners : as in `mirror`. Every joint is turned so that the joints below it come to where the reflected ones of its
     partner are; about a bone, whose direction alone does not tell, it turns with the joint above. Bones keep their own
@@ -119,7 +122,7 @@ _WEAK = 1e-3
 
 
 def _turn_to_reflected(skeleton: Skeleton, joint: int, partners: np.ndarray, above: np.ndarray) -> np.ndarray:
-    """The rotation that takes a joint's bones to the reflected ones of its partner, quaternion."""
+    """Compute the quaternion that turns a joint's bones to the reflected bones of its partner."""
     other = int(partners[joint])
     bones = [(skeleton.offsets[j], skeleton.offsets[partners[j]]) for j in skeleton.children(joint)]
     bones.append((skeleton.end_sites[joint], skeleton.end_sites[other]))

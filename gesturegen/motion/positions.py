@@ -1,4 +1,4 @@
-"""Joint positions that other systems store: the array `positions` of an `.npz` file, and nothing else of it."""
+"""Joint positions made by other systems: the array `positions` of an `.npz` file, and no other of its arrays."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _NAME = "positions.npy"
 
 
 def read(path: str | Path) -> np.ndarray:
-    """World positions `[shape=(T, J, 3)]` float64, cm, of an `.npz` file; T and J are at least 1.
+    """Read world positions `[shape=(T, J, 3)]` float64, cm, of an `.npz` file; T and J are at least 1.
 
     Raises DataError for a file that has no such array of numbers, and naming the place of one that is not finite.
     """
@@ -48,7 +48,7 @@ def read(path: str | Path) -> np.ndarray:
 
 
 def _read_array(path: str | Path, file: BinaryIO) -> np.ndarray:
-    """The array as it is stored, after a look at its header alone."""
+    """Read the array as it is stored, after a check of its header alone."""
     if file.read(4) != b"PK\x03\x04":
         raise DataError(f"{inputs.shown(path)}: no .npz file; write it with numpy.savez")
     with zipfile.ZipFile(file) as archive:

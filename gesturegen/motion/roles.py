@@ -1,4 +1,4 @@
-"""Which joint of a skeleton is the pelvis, the left wrist, the right ankle: recognised by names, else by shape.
+"""The roles of joints (pelvis, left wrist, right ankle), recognised by names, else by the shape of the skeleton.
 
 Names are read as words (`mixamorig:LeftForeArm`, `b_l_forearm`, `lowerarm_l` and `lradius` are the left forearm), and
 a role is given to a joint only where the hierarchy agrees: an elbow lies between an upper arm and a wrist. What names
@@ -50,7 +50,7 @@ LIMB_WORDS = {
 
 @dataclass(frozen=True)
 class _Name:
-    """A joint's name taken apart: its side (`left`, `right` or nothing), its words in one, and whether it is a helper."""
+    """A joint's name taken apart: its side (`left`, `right` or empty), its words in one, and whether it is a helper."""
 
     side: str
     stem: str
@@ -59,10 +59,12 @@ class _Name:
 
 
 def _read(name: str) -> _Name:
+    """Parse a joint's name."""
     words = _WORDS.findall(re.split(r"[:|]", name)[-1])
     lower = [word.lower() for word in words]
     side = ""
-    kept, number = [], ""
+    kept: list[str] = []
+    number = ""
     for place, word in enumerate(lower):
         if word.isdigit():
             number = word
@@ -88,7 +90,7 @@ def _read(name: str) -> _Name:
 
 @dataclass(frozen=True, eq=False)
 class Roles:
-    """The joints of a body, by number; -1 or nothing where there is no such joint.
+    """The joints of a body, by number; -1 or empty where there is no such joint.
 
     family : what the names are those of, in words; joints : by role (`ROLES`)
     spine : from above the pelvis to the joint at which the arms part; fingers : by side, all below the wrist
@@ -106,18 +108,18 @@ class Roles:
         return self.joints.get(role, -1)
 
     def pair(self, part: str) -> list[int]:
-        """The joints of a part on both sides, left first, as far as there are any."""
+        """Return the joints of a part on both sides, left first, as far as there are any."""
         return [joint for side in SIDES if (joint := self[f"{side}_{part}"]) >= 0]
 
     @property
     def is_body(self) -> bool:
-        """Whether there is a trunk with a pair of arms or of legs: enough to call the rest of it a body."""
+        """Whether there is a trunk with a pair of arms or of legs: enough to call the rest of the joints a body."""
         pairs = (len(self.pair("wrist")) == 2, len(self.pair("ankle")) == 2)
         return self["pelvis"] >= 0 and self["head"] >= 0 and any(pairs)
 
 
 def recognise(skeleton: Skeleton, overrides: Sequence[tuple[str, str | tuple[str, ...]]] = ()) -> Roles:
-    """The roles of a skeleton's joints.
+    """Recognise the roles of a skeleton's joints.
 
     overrides : (role, joint name), which win, with several names for `spine`, `left_fingers` and `right_fingers`; names
         that the skeleton does not have say nothing
@@ -127,6 +129,7 @@ def recognise(skeleton: Skeleton, overrides: Sequence[tuple[str, str | tuple[str
 
 @lru_cache(maxsize=64)
 def _recognise(skeleton: Skeleton, overrides: tuple[tuple[str, str | tuple[str, ...]], ...]) -> Roles:
+    """Recognise the roles of a skeleton's joints, once for each skeleton and overrides."""
     tree = _Tree(skeleton)
     found = _by_names(tree)
     by_shape: set[str] = set()
@@ -155,11 +158,12 @@ def _recognise(skeleton: Skeleton, overrides: tuple[tuple[str, str | tuple[str, 
 
 
 def _complete(found: Mapping[str, int]) -> bool:
+    """Tell whether the pelvis, the head, and both wrists and ankles are known."""
     return all(role in found for role in ("pelvis", "head", *(f"{s}_{p}" for s in SIDES for p in ("wrist", "ankle"))))
 
 
 class _Tree:
-    """A skeleton with what is asked of it again and again."""
+    """A skeleton with its hierarchy and bone lengths in a form that is quick to query."""
 
     def __init__(self, skeleton: Skeleton):
         self.skeleton = skeleton
@@ -172,7 +176,7 @@ class _Tree:
         self.lengths = np.linalg.norm(skeleton.offsets, axis=1)
 
     def chain(self, joint: int) -> list[int]:
-        """The joint and all above it, the root first."""
+        """List the joint and all of its ancestors, the root first."""
         found = []
         while joint >= 0:
             found.append(joint)
@@ -180,10 +184,11 @@ class _Tree:
         return found[::-1]
 
     def above(self, upper: int, lower: int) -> bool:
+        """Tell whether `upper` is `lower` or one of its ancestors."""
         return upper in self.chain(lower)
 
     def meeting(self, joints: Iterable[int]) -> int:
-        """The lowest joint that all of these hang on; -1 for none."""
+        """Find the lowest common ancestor of joints; -1 for none."""
         chains = [self.chain(joint) for joint in joints]
         met = -1
         for row in zip(*chains, strict=False):
@@ -193,12 +198,12 @@ class _Tree:
         return met
 
     def between(self, upper: int, lower: int) -> list[int]:
-        """The joints from below `upper` to above `lower`."""
+        """List the joints from below `upper` to above `lower`."""
         chain = self.chain(lower)
         return chain[chain.index(upper) + 1 : -1] if upper in chain else []
 
     def first(self, stems: Sequence[str], side: str, under: int = -1, over: int = -1, number: bool = True) -> int:
-        """The joint nearest to the root whose name is one of `stems`, earlier ones first; -1 for none.
+        """Find the joint nearest to the root whose name is one of `stems`, earlier stems first; -1 for none.
 
         under : a joint that it hangs on; over : a joint that hangs on it; number : whether a number may follow
         """
@@ -214,7 +219,7 @@ class _Tree:
         return -1
 
     def middle(self, upper: int, lower: int) -> int:
-        """Of the joints between two the one that is most in the middle, by the lengths of bones; -1 for none."""
+        """Find the joint nearest to the middle between two joints, by the lengths of bones; -1 for none."""
         inside = self.between(upper, lower)
         if not inside:
             return -1
@@ -228,6 +233,7 @@ class _Tree:
 
 
 def _by_names(tree: _Tree) -> dict[str, int]:
+    """Recognise joints by their names: role -> joint."""
     found: dict[str, int] = {}
     for side in SIDES:
         found |= {f"{side}_{part}": joint for part, joint in _arm(tree, side).items() if joint >= 0}
@@ -256,6 +262,7 @@ def _by_names(tree: _Tree) -> dict[str, int]:
 
 
 def _arm(tree: _Tree, side: str) -> dict[str, int]:
+    """Recognise the joints of one arm by their names."""
     wrist = tree.first(("wrist",), side)
     wrist = wrist if wrist >= 0 else tree.first(("hand",), side)
     if wrist < 0:
@@ -276,6 +283,7 @@ def _arm(tree: _Tree, side: str) -> dict[str, int]:
 
 
 def _leg(tree: _Tree, side: str) -> dict[str, int]:
+    """Recognise the joints of one leg by their names."""
     ankle = tree.first(("ankle",), side)
     ankle = ankle if ankle >= 0 else tree.first(("foot",), side)
     if ankle < 0:
@@ -297,7 +305,10 @@ def _leg(tree: _Tree, side: str) -> dict[str, int]:
 
 
 def _by_shape(tree: _Tree, named: Mapping[str, int]) -> dict[str, int]:
-    """Roles of a body whose hierarchy is that of one: what is missing of `named`, or all of it, else nothing."""
+    """Recognise joints by the shape of the hierarchy: role -> joint, empty where it is not that of a body.
+
+    named : roles that are known from names; they take part in the recognition
+    """
     legs = _symmetric_branches(tree, named.get("pelvis", -1), None)
     if legs is None:
         return {}
@@ -310,10 +321,10 @@ def _by_shape(tree: _Tree, named: Mapping[str, int]) -> dict[str, int]:
     for parts, pair in (
         (("hip", "knee", "ankle"), (left_leg, right_leg)), (("upper_arm", "elbow", "wrist"), (left_arm, right_arm)),
     ):  # fmt: skip
-        limbs = [_limb(tree, branch) for branch in pair]
-        if any(limb is None for limb in limbs):
+        limbs = [limb for branch in pair if (limb := _limb(tree, branch)) is not None]
+        if len(limbs) < len(pair):
             return {}
-        for side, limb in zip(SIDES, _left_first(tree, limbs, found.get("left_hip", -1)), strict=True):
+        for side, limb in zip(SIDES, _left_first(tree, limbs), strict=True):
             found |= {f"{side}_{part}": joint for part, joint in zip(parts, limb[:3], strict=True)}
             if parts[0] == "hip" and len(limb) > 3:
                 found[f"{side}_toes"] = limb[3]
@@ -334,7 +345,9 @@ def _by_shape(tree: _Tree, named: Mapping[str, int]) -> dict[str, int]:
 
 
 def _symmetric_branches(tree: _Tree, at: int, below: tuple[int, set[int]] | None) -> tuple[int, int, int] | None:
-    """The joint nearest to the root from which two long branches of equal bones hang, and another branch; and the two.
+    """Find the joint nearest to the root from which two long branches of equal bones hang.
+
+    Returns the joint and the two branches; None where there is no such joint.
 
     at : the only joint that may be it, -1 for any; below : a joint that it hangs on (or is), and branches it is not in
     """
@@ -365,7 +378,7 @@ def _symmetric_branches(tree: _Tree, at: int, below: tuple[int, set[int]] | None
 
 
 def _main_chain(tree: _Tree, joint: int) -> list[int]:
-    """From a joint downwards along the longest way."""
+    """List the joints from `joint` downwards along the longest way."""
     ways: dict[int, float] = {}
     below: dict[int, int] = {}
     for j in sorted([joint, *tree.skeleton.descendants(joint)], reverse=True):
@@ -381,7 +394,7 @@ def _main_chain(tree: _Tree, joint: int) -> list[int]:
 
 
 def _alike(tree: _Tree, one: list[int], other: list[int]) -> bool:
-    """Whether two chains are of as many bones, long ones among them, of equal lengths within 15 %."""
+    """Tell whether two chains have as many bones, long ones among them, of equal lengths within 15 %."""
     if len(one) != len(other) or len(one) < 3:
         return False
     first, second = tree.lengths[one], tree.lengths[other]
@@ -393,7 +406,7 @@ def _alike(tree: _Tree, one: list[int], other: list[int]) -> bool:
 
 
 def _limb(tree: _Tree, branch: int) -> list[int] | None:
-    """Where the two last long bones of a limb start, meet and end, and the joint that follows them if there is one.
+    """Find the start, middle and end of the last two long bones of a limb, and the joint after them if there is one.
 
     A collar bone may be as long as a forearm and comes before; a hand or a foot is shorter.
     """
@@ -408,8 +421,8 @@ def _limb(tree: _Tree, branch: int) -> list[int] | None:
     return [upper, lower, chain[longest[1]], *rest[:1]]
 
 
-def _left_first(tree: _Tree, limbs: list[list[int]], left_hip: int) -> list[list[int]]:
-    """Two limbs, the left one first: by names, else on the side of the left hip, else at larger x at rest.
+def _left_first(tree: _Tree, limbs: list[list[int]]) -> list[list[int]]:
+    """Order two limbs, the left one first: by names, else by larger x at rest.
 
     A body at rest faces along z, with y or z up.
     """
@@ -428,6 +441,7 @@ def _left_first(tree: _Tree, limbs: list[list[int]], left_hip: int) -> list[list
 
 
 def _spine(tree: _Tree, joints: Mapping[str, int]) -> tuple[int, ...]:
+    """List the joints of the spine, from above the pelvis to the chest."""
     pelvis = joints.get("pelvis", -1)
     ends = [joints[role] for role in ("left_upper_arm", "right_upper_arm", "head") if role in joints]
     if pelvis < 0 or not ends:
@@ -435,11 +449,14 @@ def _spine(tree: _Tree, joints: Mapping[str, int]) -> tuple[int, ...]:
     chest = tree.meeting(ends)
     if chest < 0 or not tree.above(pelvis, chest) or chest == pelvis:
         return ()
-    return tuple([*tree.between(pelvis, chest), chest])
+    return (*tree.between(pelvis, chest), chest)
 
 
 def _body_joints(tree: _Tree, joints: Mapping[str, int], fingers: Mapping[str, Sequence[int]]) -> tuple[int, ...]:
-    """Joints from the pelvis to head, wrists and ankles, each place once: no fingers, toes, face or helpers."""
+    """List joints from the pelvis to head, wrists and ankles, each place once.
+
+    Fingers, toes, face and helpers are left out.
+    """
     pelvis = joints.get("pelvis", -1)
     ends = [
         joints[role] for role in ("head", *(f"{s}_{p}" for s in SIDES for p in ("wrist", "ankle"))) if role in joints
@@ -453,7 +470,7 @@ def _body_joints(tree: _Tree, joints: Mapping[str, int], fingers: Mapping[str, S
 
 
 def bone_length(skeleton: Skeleton, upper: int, lower: int) -> float:
-    """The sum of the OFFSETs' lengths from one joint down to another; 0 where neither hangs on the other."""
+    """Sum the lengths of the OFFSETs from one joint down to another; 0 where neither is below the other."""
     length, joint = 0.0, lower
     while joint >= 0 and joint != upper:
         length += float(np.linalg.norm(skeleton.offsets[joint]))
@@ -462,7 +479,7 @@ def bone_length(skeleton: Skeleton, upper: int, lower: int) -> float:
 
 
 def body_height(skeleton: Skeleton, roles: Roles) -> float:
-    """How tall the figure stands, in its own units, whatever its pose: head, trunk and legs by their bones.
+    """Compute how tall a standing figure is, in the unit of its skeleton, from the bones of head, trunk and legs.
 
     Without legs it is told from the trunk, without a trunk or a head it is 0.
     """
@@ -511,7 +528,7 @@ _FAMILIES: tuple[tuple[str, tuple[str, ...]], ...] = (
 
 
 def family_of(names: Sequence[str]) -> str:
-    """The system that exports joints of such names, in words; empty for one that is not known."""
+    """Name the system that exports joints of such names, in words; empty for an unknown one."""
     if any(re.match(r"mixamorig\d*[:_]?", name) for name in names):
         return "Mixamo"
     bare = {re.split(r"[:|]", name)[-1] for name in names}
@@ -528,7 +545,7 @@ def family_of(names: Sequence[str]) -> str:
 
 
 def describe(skeleton: Skeleton, roles: Roles) -> dict[str, list[str]]:
-    """The names of the joints of each role, in the order of a body; empty where there is no such joint."""
+    """List the names of the joints of each role, in the order of a body; empty where there is no such joint."""
 
     def of(*joints: int) -> list[str]:
         return [skeleton.names[joint] for joint in joints if joint >= 0]

@@ -9,27 +9,30 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def _scipy(quaternions: np.ndarray) -> Rotation:
+    """Convert quaternions wxyz to a scipy rotation."""
     return Rotation.from_quat(np.asarray(quaternions, dtype=np.float64)[..., [1, 2, 3, 0]].reshape(-1, 4))
 
 
 def _wxyz(rotation: Rotation, shape: tuple[int, ...]) -> np.ndarray:
+    """Convert a scipy rotation to quaternions wxyz of the given shape."""
     return rotation.as_quat()[:, [3, 0, 1, 2]].reshape(*shape, 4)
 
 
 def from_euler(order: str, angles: np.ndarray) -> np.ndarray:
-    """Quaternions of intrinsic Euler `angles` in radians `[shape=(..., len(order))]`, order such as `"ZXY"`."""
+    """Convert intrinsic Euler `angles` in radians `[shape=(..., len(order))]` to quaternions, order such as `"ZXY"`."""
     angles = np.asarray(angles, dtype=np.float64)
     return _wxyz(Rotation.from_euler(order, angles.reshape(-1, len(order))), angles.shape[:-1])
 
 
 def to_euler(order: str, quaternions: np.ndarray) -> np.ndarray:
-    """Intrinsic Euler angles in radians `[shape=(..., 3)]` in the three-letter `order`.
+    """Convert to intrinsic Euler angles in radians `[shape=(..., 3)]` in the three-letter `order`.
 
     At gimbal lock the last angle is set to zero; the rotation is the same.
     """
@@ -39,36 +42,36 @@ def to_euler(order: str, quaternions: np.ndarray) -> np.ndarray:
 
 
 def from_expmap(expmaps: np.ndarray) -> np.ndarray:
-    """Quaternions of exponential maps `[shape=(..., 3)]`, radians."""
+    """Convert exponential maps `[shape=(..., 3)]`, radians, to quaternions."""
     expmaps = np.asarray(expmaps, dtype=np.float64)
     return _wxyz(Rotation.from_rotvec(expmaps.reshape(-1, 3)), expmaps.shape[:-1])
 
 
 def to_expmap(quaternions: np.ndarray) -> np.ndarray:
-    """Exponential maps `[shape=(..., 3)]` of angle at most pi, radians."""
+    """Convert to exponential maps `[shape=(..., 3)]` of angle at most pi, radians."""
     return _scipy(quaternions).as_rotvec().reshape(*np.shape(quaternions)[:-1], 3)
 
 
 def to_matrix(quaternions: np.ndarray) -> np.ndarray:
-    """Rotation matrices `[shape=(..., 3, 3)]`."""
+    """Convert to rotation matrices `[shape=(..., 3, 3)]`."""
     return _scipy(quaternions).as_matrix().reshape(*np.shape(quaternions)[:-1], 3, 3)
 
 
 def from_matrix(matrices: np.ndarray) -> np.ndarray:
-    """Quaternions of rotation matrices `[shape=(..., 3, 3)]`."""
+    """Convert rotation matrices `[shape=(..., 3, 3)]` to quaternions."""
     matrices = np.asarray(matrices, dtype=np.float64)
     return _wxyz(Rotation.from_matrix(matrices.reshape(-1, 3, 3)), matrices.shape[:-2])
 
 
-def about_y(angles: np.ndarray) -> np.ndarray:
-    """Quaternions that turn by `angles` (radians) about the vertical."""
+def about_y(angles: ArrayLike) -> np.ndarray:
+    """Make quaternions that turn by `angles` (radians) about the vertical."""
     half = np.asarray(angles, dtype=np.float64) / 2
     zero = np.zeros_like(half)
     return np.stack([np.cos(half), zero, np.sin(half), zero], axis=-1)
 
 
 def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The rotation `b` followed by `a`: the quaternion product a b."""
+    """Multiply quaternions: the product a b is the rotation `b` followed by `a`."""
     aw, ax, ay, az = np.moveaxis(np.asarray(a), -1, 0)
     bw, bx, by, bz = np.moveaxis(np.asarray(b), -1, 0)
     return np.stack(
@@ -83,11 +86,12 @@ def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def inverse(quaternions: np.ndarray) -> np.ndarray:
+    """Invert unit quaternions."""
     return np.asarray(quaternions) * np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def rotate(quaternions: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Vectors `[shape=(..., 3)]` turned by quaternions `[shape=(..., 4)]`."""
+    """Turn vectors `[shape=(..., 3)]` by quaternions `[shape=(..., 4)]`."""
     vectors = np.asarray(vectors, dtype=np.float64)
     w, u = quaternions[..., :1], quaternions[..., 1:]
     t = 2.0 * np.cross(u, vectors)
@@ -95,17 +99,18 @@ def rotate(quaternions: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 
 def normalize(quaternions: np.ndarray) -> np.ndarray:
+    """Scale quaternions to length one."""
     return quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True)
 
 
 def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The angle in radians, 0 to pi, of the rotation that takes `a` to `b`."""
+    """Compute the angle in radians, 0 to pi, of the rotation that takes `a` to `b`."""
     difference = multiply(inverse(a), b)
     return 2.0 * np.arctan2(np.linalg.norm(difference[..., 1:], axis=-1), np.abs(difference[..., 0]))
 
 
 def slerp(a: np.ndarray, b: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Spherical linear interpolation along the shorter arc: `a` at weight 0, `b` at weight 1.
+    """Interpolate along the shorter arc of the sphere: `a` at weight 0, `b` at weight 1.
 
     a, b : `[shape=(..., 4)]`; weights : broadcastable to `(...)`.
     Shoemake, Animating rotation with quaternion curves, SIGGRAPH 1985.
@@ -125,7 +130,7 @@ def slerp(a: np.ndarray, b: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """The shortest rotations that turn vectors `[shape=(..., 3)]` into the directions of others.
+    """Compute the shortest rotations that turn vectors `[shape=(..., 3)]` into the directions of others.
 
     None where one of them has no length; opposite ones are turned about any axis across them.
     """
@@ -142,7 +147,9 @@ def between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 
 
 def aligning(starts: np.ndarray, ends: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """The quaternion that turns vectors `[shape=(n, 3)]` nearest to others, by least squares with weights `[shape=(n,)]`.
+    """Fit the quaternion that turns vectors `[shape=(n, 3)]` nearest to others, by weighted least squares.
+
+    weights : float `[shape=(n,)]`
 
     Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Crystallographica A 1976.
     """
@@ -152,7 +159,7 @@ def aligning(starts: np.ndarray, ends: np.ndarray, weights: np.ndarray) -> np.nd
 
 
 def heading(quaternions: np.ndarray) -> np.ndarray:
-    """The turn about the vertical in radians: the twist angle about Y of q = twist swing.
+    """Compute the turn about the vertical in radians: the twist angle about Y of q = twist swing.
 
     Turning a pose by t about Y adds exactly t (modulo 2 pi), whatever the local axes of the joint are.
     """
@@ -160,5 +167,5 @@ def heading(quaternions: np.ndarray) -> np.ndarray:
 
 
 def wrap_angle(angles: np.ndarray) -> np.ndarray:
-    """Angles brought into [-pi, pi)."""
+    """Bring angles into [-pi, pi)."""
     return (np.asarray(angles) + np.pi) % (2.0 * np.pi) - np.pi

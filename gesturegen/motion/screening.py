@@ -1,4 +1,4 @@
-"""Which recordings should not be references? Near-motionless takes and tracking glitches (§3).
+"""Recordings that should not be references: near-motionless takes and tracking glitches (§3).
 
 The paper blacklists 19 training clips by hand for "poor quality of the hand tracking and some significant
 flickering on the body"; these are the figures that a person would look at first. Nothing is excluded here.
@@ -39,14 +39,14 @@ class Finding:
     end: float | None = None
 
     def describe(self, clip: str) -> str:
-        """One line with the YAML that would exclude it."""
+        """Format one line with the YAML that would exclude the clip or the range."""
         if self.start is None:
             return f"{clip}: {self.reason}   -> blacklist: [{clip}]"
         return f"{clip}: {self.reason}   -> exclude: [{{clip: {clip}, from: {self.start:.2f}, to: {self.end:.2f}}}]"
 
 
 def screen(motion: Motion, joints: Sequence[int], wrist_names: Sequence[str]) -> list[Finding]:
-    """What is wrong with a recording, as findings in order of time; empty for a good one."""
+    """List the faults of a recording in order of time; empty for a good one."""
     if motion.n_frames < 2:
         return [Finding("a single frame")]
     positions = kinematics.joint_positions(motion, list(joints))
@@ -58,6 +58,7 @@ def screen(motion: Motion, joints: Sequence[int], wrist_names: Sequence[str]) ->
 
 
 def _motionless(speeds: np.ndarray, names: list[str], wrist_names: Sequence[str]) -> list[Finding]:
+    """Report a recording in which the wrists hardly move."""
     wrists = [k for k, name in enumerate(names) if name in wrist_names] or list(range(len(names)))
     mean = float(speeds[:, wrists].mean())
     if mean < MOTIONLESS_WRIST_SPEED:
@@ -66,6 +67,7 @@ def _motionless(speeds: np.ndarray, names: list[str], wrist_names: Sequence[str]
 
 
 def _frozen(speeds: np.ndarray, fps: float) -> list[Finding]:
+    """Report stretches in which no joint moves."""
     found = []
     for start, end in runs(speeds.max(axis=1) < FROZEN_SPEED).tolist():
         if end - start >= FROZEN_SECONDS * fps:
@@ -75,6 +77,7 @@ def _frozen(speeds: np.ndarray, fps: float) -> list[Finding]:
 
 
 def _glitches(motion: Motion, joints: Sequence[int], names: list[str], speeds: np.ndarray) -> list[Finding]:
+    """Report jumps of joints that no body makes, or the whole recording where they are spread over it."""
     fps = motion.fps
     local = motion.rotations[:, list(joints)]
     turns = np.degrees(rotation.angle_between(local[:-1], local[1:])) * fps
@@ -98,7 +101,7 @@ def _glitches(motion: Motion, joints: Sequence[int], names: list[str], speeds: n
 
 
 def _worst(frames: np.ndarray, names: list[str], turns: np.ndarray, speeds: np.ndarray) -> str:
-    """The largest jump among `frames`, each figure relative to its bound."""
+    """Describe the largest jump among `frames`, each figure relative to its bound."""
     severity = np.maximum(turns[frames] / GLITCH_DEGREES_PER_SECOND, speeds[frames] / GLITCH_JOINT_SPEED)
     row, joint = np.unravel_index(np.argmax(severity), severity.shape)
     frame = int(frames[row])

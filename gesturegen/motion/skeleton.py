@@ -12,7 +12,7 @@ from gesturegen.errors import DataError
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
-    """A view of `array` that cannot be written through."""
+    """Return a view of `array` that cannot be written through."""
     view = np.asarray(array).view()
     view.setflags(write=False)
     return view
@@ -20,7 +20,7 @@ def read_only(array: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Space:
-    """The unit and the vertical of a file: what its numbers must be taken to so that they are centimetres, y up.
+    """The unit and the vertical of a file, by which its numbers are converted to centimetres with y up.
 
     scale : centimetres in one unit of the file
     up : the axis of the file that points up, `y` or `z`
@@ -51,7 +51,7 @@ class Skeleton:
     hierarchy: str
     space: Space = Space()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         joints = len(self.names)
         for name, shape in (("parents", (joints,)), ("offsets", (joints, 3)), ("end_sites", (joints, 3))):
             array = read_only(getattr(self, name))
@@ -63,10 +63,11 @@ class Skeleton:
 
     @property
     def n_channels(self) -> int:
+        """Number of channels of all joints."""
         return sum(len(channels) for channels in self.channels)
 
     def index(self, name: str) -> int:
-        """The number of the joint called `name`; DataError naming the nearest one when there is none."""
+        """Return the number of the joint called `name`; raises DataError with the nearest name when there is none."""
         try:
             return self.names.index(name)
         except ValueError:
@@ -75,10 +76,11 @@ class Skeleton:
             raise DataError(f"the skeleton has no joint {name!r}{hint}; it has: {', '.join(self.names)}") from None
 
     def children(self, joint: int) -> list[int]:
+        """List the joints right below `joint`, in file order."""
         return [j for j, parent in enumerate(self.parents) if parent == joint]
 
     def descendants(self, joint: int) -> list[int]:
-        """All joints below `joint`, in file order."""
+        """List all joints below `joint`, in file order."""
         below = {joint}
         for j, parent in enumerate(self.parents):
             if parent in below:
@@ -86,7 +88,7 @@ class Skeleton:
         return sorted(below - {joint})
 
     def pelvis(self, name: str) -> int:
-        """The joint called `name`, else the first joint from the root down where the hierarchy branches."""
+        """Find the joint called `name`, else the first joint from the root down where the hierarchy branches."""
         if name in self.names:
             return self.names.index(name)
         joint = 0
@@ -95,7 +97,7 @@ class Skeleton:
         return joint
 
     def difference(self, other: Skeleton, tolerance: float = 1e-4) -> str | None:
-        """What differs between two skeletons in words, None when joints, offsets and channels are equal.
+        """Describe how two skeletons differ; None when joints, offsets and channels are equal.
 
         tolerance : by which the OFFSET of a joint may differ, in its length and direction; files round them differently.
         OFFSETs from the root to where the hierarchy branches say nothing where position channels replace them.
@@ -118,7 +120,7 @@ class Skeleton:
         return None
 
     def _stem(self) -> set[int]:
-        """The joints from the root to the first at which the hierarchy branches."""
+        """Collect the joints from the root to the first at which the hierarchy branches."""
         joint, stem = 0, {0}
         while len(below := self.children(joint)) == 1:
             joint = below[0]
@@ -143,11 +145,11 @@ class Motion:
     positions: np.ndarray
     fps: float
     written_joints: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    written_angles: np.ndarray | None = None
+    written_angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         # Whoever makes other frames of a motion need not know of the angles: those of other frames say nothing.
-        if self.written_angles is None or len(self.written_angles) != len(self.rotations):
+        if self.written_angles.shape[:2] != (len(self.rotations), len(self.written_joints)):
             object.__setattr__(self, "written_joints", np.zeros(0, dtype=np.int64))
             object.__setattr__(self, "written_angles", np.zeros((len(self.rotations), 0, 3)))
         frames, joints = len(self.rotations), len(self.skeleton.names)
@@ -159,17 +161,18 @@ class Motion:
 
     @property
     def n_frames(self) -> int:
+        """Number of frames."""
         return len(self.rotations)
 
-    def take(self, frames) -> Motion:
-        """The frames named by an index array or slice, as a motion of their own."""
+    def take(self, frames: np.ndarray | slice) -> Motion:
+        """Select frames by an index array or slice."""
         return replace(
             self, rotations=self.rotations[frames], positions=self.positions[frames],
             written_angles=self.written_angles[frames],
         )  # fmt: skip
 
-    def cut_at(self, frames) -> Motion:
-        """The motion, of which some frames (numbers, or bool for each) do not follow on the one before in a file."""
+    def cut_at(self, frames: np.ndarray) -> Motion:
+        """Mark frames (numbers, or bool for each) that do not follow on the one before in a file."""
         if not len(self.written_joints):
             return self
         angles = np.array(self.written_angles)
@@ -177,12 +180,12 @@ class Motion:
         return replace(self, written_angles=angles)
 
 
-def written_of(motions: Sequence[Motion]) -> dict[str, np.ndarray]:
-    """`written_joints` and `written_angles` of motions one after the other, as arguments of `Motion`."""
+def written_of(motions: Sequence[Motion]) -> tuple[np.ndarray, np.ndarray]:
+    """Join `written_joints` and `written_angles` of motions one after the other, as arguments of `Motion`."""
     joints = np.unique(np.concatenate([motion.written_joints for motion in motions])).astype(np.int64)
     angles = np.full((sum(motion.n_frames for motion in motions), len(joints), 3), np.nan)
     first = 0
     for motion in motions:
         angles[first : first + motion.n_frames, np.searchsorted(joints, motion.written_joints)] = motion.written_angles
         first += motion.n_frames
-    return {"written_joints": joints, "written_angles": angles}
+    return joints, angles

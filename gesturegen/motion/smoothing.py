@@ -1,4 +1,4 @@
-"""Smoothing of a finished motion, as GestureMaster does it (Zhou et al. 2022, §4.2).
+"""Smoothing of a finished motion after GestureMaster (Zhou et al. 2022, §4.2).
 
 The filter fits a polynomial around every frame: Savitzky and Golay, Smoothing and differentiation of data by
 simplified least squares procedures, Analytical Chemistry 1964.
@@ -19,7 +19,7 @@ _NO_DIRECTION = 1e-6
 
 
 def savitzky_golay(motion: Motion, limbs: np.ndarray, settings: Smoothing) -> Motion:
-    """The motion with its rotations and travelling positions smoothed over time.
+    """Smooth the rotations and travelling positions of a motion over time.
 
     limbs : int `[shape=(K,)]`, joints filtered with `settings.limb_order`; `settings.order` holds for the rest
     Quaternions are filtered by component and brought back to length one. Joints that never turn and
@@ -40,7 +40,7 @@ def savitzky_golay(motion: Motion, limbs: np.ndarray, settings: Smoothing) -> Mo
 
 
 def _one_hemisphere(quaternions: np.ndarray) -> np.ndarray:
-    """The same rotations `[shape=(T, J, 4)]`, each frame's quaternion with the sign nearest to the one before.
+    """Choose each frame's sign of the quaternions `[shape=(T, J, 4)]` nearest to the frame before.
 
     q and -q are one rotation; where a file changes between them, a filter would average them to nothing.
     """
@@ -50,6 +50,7 @@ def _one_hemisphere(quaternions: np.ndarray) -> np.ndarray:
 
 
 def _filtered_rotations(rotations: np.ndarray, window: int, order: int) -> np.ndarray:
+    """Filter quaternions by component and bring them back to length one."""
     smooth = _filtered(rotations, window, order)
     length = np.linalg.norm(smooth, axis=-1, keepdims=True)
     # A spin of whole turns within the window cancels out: such a frame stays as it is.
@@ -57,5 +58,5 @@ def _filtered_rotations(rotations: np.ndarray, window: int, order: int) -> np.nd
 
 
 def _filtered(values: np.ndarray, window: int, order: int) -> np.ndarray:
-    """Values filtered along the first axis; half a window at either end is read off the polynomial there."""
+    """Filter values along the first axis; half a window at either end is read off the polynomial there."""
     return savgol_filter(values, window, order, axis=0, mode="interp") if values.size else values

@@ -1,4 +1,4 @@
-"""The unit and the vertical of a BVH file: told from the body, taken to centimetres and y up, and written back.
+"""The unit and the vertical of a BVH file: detected from the body, converted to centimetres and y up, written back.
 
 BVH says neither. A body whose bones add up to 1.7 is in metres; one whose head stays above its pelvis along z and whose
 feet stay below it stands along z. Where motion and rest pose disagree the motion says which way is up: some systems
@@ -28,7 +28,7 @@ _LEGS = 0.2
 
 
 def read(path: str | Path, config: Config) -> Motion:
-    """Read a BVH file in centimetres and with y up, whatever its unit and axes; `Skeleton.space` keeps what they are.
+    """Read a BVH file in centimetres and with y up, whatever its unit and axes, which `Skeleton.space` keeps.
 
     Raises DataError as `bvh.read` does.
     """
@@ -36,8 +36,8 @@ def read(path: str | Path, config: Config) -> Motion:
     return axes.to_inside(motion, detect(motion, config.motion, config.roles))
 
 
-def detect(motion: Motion, settings: MotionFiles, overrides: Sequence[tuple[str, str]] = ()) -> Space:
-    """The unit and the vertical of a motion as it was read: as set, else as its body tells."""
+def detect(motion: Motion, settings: MotionFiles, overrides: Sequence[tuple[str, str | tuple[str, ...]]] = ()) -> Space:
+    """Detect the unit and the vertical of a motion as it was read: as set, else as its body suggests."""
     found = roles.recognise(motion.skeleton, overrides)
     scale = UNITS.get(settings.unit) if isinstance(settings.unit, str) else float(settings.unit)
     if scale is None:
@@ -47,7 +47,7 @@ def detect(motion: Motion, settings: MotionFiles, overrides: Sequence[tuple[str,
 
 
 def _scale(skeleton: Skeleton, found: roles.Roles) -> float:
-    """Centimetres in a unit, by how tall the body is; 1 where that fits no unit, or there is no body."""
+    """Compute the centimetres in a unit from the height of the body; 1 where that fits no unit or there is no body."""
     height = roles.body_height(skeleton, found)
     if height <= 0 or not (found.is_body or found.pair("wrist") or found.pair("ankle")):
         return 1.0
@@ -60,7 +60,7 @@ def _scale(skeleton: Skeleton, found: roles.Roles) -> float:
 
 
 def _vertical(motion: Motion, found: roles.Roles) -> str:
-    """`z` where the body stands along z, else `y`."""
+    """Tell the vertical axis of a motion: `z` where the body stands along z, else `y`."""
     pelvis, head = found["pelvis"], found["head"]
     if pelvis < 0 or head < 0:
         return "y"
@@ -84,7 +84,7 @@ def _vertical(motion: Motion, found: roles.Roles) -> str:
 
 
 def _along(places: np.ndarray, axis: int) -> tuple[float, float]:
-    """How much of trunk and legs of pelvis, head and ankles `[shape=(T, 2 + A, 3)]` is along an axis.
+    """Measure how upright trunk and legs are along an axis, from pelvis, head and ankles `[shape=(T, 2 + A, 3)]`.
 
     Cosines, the median over frames; legs that are not there are along any axis.
     """
@@ -94,11 +94,12 @@ def _along(places: np.ndarray, axis: int) -> tuple[float, float]:
 
 
 def _cosine(ways: np.ndarray, axis: int) -> float:
+    """Compute the median cosine between vectors `[shape=(T, 3)]` and an axis."""
     return float(np.median(ways[:, axis] / np.maximum(np.linalg.norm(ways, axis=1), 1e-9)))
 
 
 def _rests_along(skeleton: Skeleton, joints: Sequence[int]) -> str:
-    """The axis along which a body stands where no joint turns; nothing where it stands along neither y nor z."""
+    """Name the axis along which a body stands where no joint turns; empty where it stands along neither y nor z."""
     still = np.tile(rotation.IDENTITY, (1, len(skeleton.names), 1))
     rest = Motion(skeleton, still, np.asarray(skeleton.offsets)[None], 1.0)
     places = kinematics.joint_positions(rest, list(joints))
@@ -106,13 +107,13 @@ def _rests_along(skeleton: Skeleton, joints: Sequence[int]) -> str:
 
 
 def kind_of(note: str) -> str | None:
-    """What of `notes` a line is, whatever the height of its figure; None for a line of another kind."""
+    """Classify a line of `notes` regardless of the figure in it; None for a line of another kind."""
     known = ("lengths are taken to be in", "its figure is", *(f"{axis} is taken to be up" for axis in "yz"))
     return next((note.split(",")[0] if kind == known[0] else kind for kind in known if note.startswith(kind)), None)
 
 
 def notes(skeleton: Skeleton, config: Config) -> list[str]:
-    """What was taken for granted of a file, a line for each kind; nothing for centimetres with y up."""
+    """List what was assumed of a file, a line for each kind of assumption; empty for centimetres with y up."""
     space, lines = skeleton.space, []
     height = roles.body_height(skeleton, roles.recognise(skeleton, config.roles))
     set_unit, set_up = config.motion.unit != "auto", config.motion.up_axis != "auto"

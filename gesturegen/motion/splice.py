@@ -1,4 +1,4 @@
-"""Joining stretches of motion in the domain of their differences: each keeps its speed, acceleration and jerk.
+"""Joining stretches of motion by their differences: each stretch keeps its speed, acceleration and jerk.
 
 What is wanted of a motion is not its poses but how they change: at a seam, both sides played on as recorded say
 that. The correction that brings the poses into line departs least from it, each order of difference measured by
@@ -29,7 +29,7 @@ Played = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 class _Across(NamedTuple):
-    """What differences across seams lack, a row for each frame of one that another run shows.
+    """Differences across seams: a row for each of their frames that is shown by another run.
 
     order, start : of the difference; factor : of the frame in it
     pair : number of the frame, as shown by the run that the difference belongs to, among the pairs of both
@@ -44,7 +44,7 @@ class _Across(NamedTuple):
 def least_change(
     rotations: np.ndarray, positions: np.ndarray, runs: np.ndarray, played: Played
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rotations and positions with a correction around all seams that changes the recorded motion least.
+    """Correct rotations and positions around all seams so that the recorded motion changes least.
 
     rotations : `[shape=(T, J, 4)]`; positions : `[shape=(T, J, 3)]`
     runs : int `[shape=(T,)]`, ascending, the uninterrupted stretch that each frame shows
@@ -80,13 +80,13 @@ def least_change(
 
 
 def _away(rotations: np.ndarray) -> np.ndarray:
-    """Rotation vectors `[shape=(T, 3)]` from the mean of rotations `[shape=(T, 4)]` to each."""
+    """Compute rotation vectors `[shape=(T, 3)]` from the mean of rotations `[shape=(T, 4)]` to each."""
     mean = np.linalg.eigh(rotations.T @ rotations)[1][:, -1]
     return rotation.to_expmap(rotation.multiply(rotations, rotation.inverse(mean)))
 
 
 def _across(runs: np.ndarray) -> tuple[_Across, np.ndarray, np.ndarray]:
-    """The rows of all differences across seams, and the pairs of runs and frames that they ask for."""
+    """List the rows of all differences across seams, and the runs and frames whose poses they need."""
     rows = []
     for order, factors in _DIFFERENCES.items():
         for start in np.flatnonzero(runs[:-order] != runs[order:]).tolist():
@@ -97,16 +97,19 @@ def _across(runs: np.ndarray) -> tuple[_Across, np.ndarray, np.ndarray]:
                 for place, factor in enumerate(factors)
                 if runs[start + place] != owner
             ]
-    orders, starts, factors, pairs = (np.array(column) for column in zip(*rows, strict=True))
+    orders, starts, shares, pairs = (np.array(column) for column in zip(*rows, strict=True))
     unique, places = np.unique(pairs, return_inverse=True)
-    return _Across(orders, starts, factors, places), *np.divmod(unique, len(runs))
+    return _Across(orders, starts, shares, places), *np.divmod(unique, len(runs))
 
 
 class _Equation:
     """The banded equation of one joint's correction; see `least_change`."""
 
     def __init__(self, away: np.ndarray, steps: np.ndarray, runs: np.ndarray):
-        """away, steps : distances from the mean and steps between frames, `[shape=(T, 3)]` and `[shape=(T - 1, 3)]`."""
+        """Set up the bands of the equation.
+
+        away, steps : distances from the mean and steps between frames, `[shape=(T, 3)]` and `[shape=(T - 1, 3)]`
+        """
         count, inside = len(runs), runs[1:] == runs[:-1]
         matrix = np.zeros((4, count))  # upper bands, the diagonal last
         matrix[3] = 1.0 / max(float((away**2).sum(axis=1).mean()), 1e-30)
@@ -124,7 +127,10 @@ class _Equation:
         self._matrix = matrix
 
     def solve(self, across: _Across, gaps: np.ndarray) -> np.ndarray:
-        """The correction `[shape=(T, 3)]`, given what the pairs' frames are away from their runs `[shape=(P, 3)]`."""
+        """Solve for the correction `[shape=(T, 3)]`.
+
+        gaps : how far the pairs' frames are away from their runs `[shape=(P, 3)]`
+        """
         count = self._matrix.shape[1]
         right = np.zeros((count, 3))
         for order, factors in _DIFFERENCES.items():

@@ -15,7 +15,6 @@ from gesturegen import __version__, evaluation, files, remembered, submission, v
 from gesturegen.data import clips
 from gesturegen.data.stored_clips import digests
 from gesturegen.errors import DataError
-from gesturegen.evaluation import Measure
 from gesturegen.experiment import causes, figures, plot, reference_length, tables
 from gesturegen.experiment.plan import Plan, seeded
 from gesturegen.experiment.presets import ABLATE, COMPARE, MEMORY, Preset
@@ -23,6 +22,7 @@ from gesturegen.extras import need
 from gesturegen.frames import ReferenceFrames
 from gesturegen.methods import METHODS, libraries
 from gesturegen.methods.method import Job
+from gesturegen.metrics.measures import Measure
 from gesturegen.outcome import Outcome
 from gesturegen.parallel import for_each, one_display
 from gesturegen.pipeline.build_graph import build_libraries

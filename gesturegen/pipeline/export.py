@@ -8,6 +8,7 @@ from pathlib import Path
 
 from gesturegen import export as formats
 from gesturegen import inputs
+from gesturegen.errors import ConfigError
 from gesturegen.extras import need
 from gesturegen.joints import settings_for
 from gesturegen.motion import space
@@ -26,8 +27,13 @@ def export(
 
     Motions keep their own frame rate.
     """
-    if "glb" in kinds:
-        need("pygltflib", "gltf")
+    for kind in kinds:
+        if kind not in formats.FORMATS:
+            raise ConfigError(
+                f"--format {inputs.shown(kind)}: no format of motions; there are {', '.join(formats.FORMATS)}"
+            )
+        if (needs := formats.FORMATS[kind].needs) is not None:
+            need(*needs)
     motions = motion_files(config, paths)
     folder = out or work_path(config, "export")
     require_writable(folder)

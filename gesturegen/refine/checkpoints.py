@@ -26,10 +26,10 @@ def store(state: dict[str, Any], file: BinaryIO) -> None:
 
 
 def load(path: str | Path) -> dict[str, Any]:
-    """What `store` wrote; DataError for a missing file, DamagedError for a damaged one or one of another kind."""
+    """Load what `store` wrote; raises DataError for a missing file, DamagedError for a damaged one or another kind."""
     try:
         checksum(path, "train-refiner")
-        with open(path, "rb") as file:
+        with Path(path).open("rb") as file:
             state = torch.load(file, map_location="cpu", weights_only=True)
         if state["format"] != FORMAT:
             raise ValueError(f"format {state['format']}, expected {FORMAT}")
@@ -51,7 +51,7 @@ def load(path: str | Path) -> dict[str, Any]:
 
 @contextmanager
 def fitting(path: str | Path) -> Iterator[None]:
-    """Inside the block, weights of the file at `path` that do not fit the networks are a DamagedError."""
+    """Raise DamagedError where the block finds weights of the file at `path` that do not fit the networks."""
     try:
         yield
     except (RuntimeError, KeyError, TypeError, ValueError) as error:
@@ -59,11 +59,12 @@ def fitting(path: str | Path) -> Iterator[None]:
 
 
 def _damaged(path: str | Path, reason: str) -> DamagedError:
+    """Return the error for a damaged checkpoint."""
     return DamagedError(f"{path}: not a refiner, or damaged ({reason}); delete it and train again")
 
 
 def _require_finite(value: Any, name: str = "state") -> None:
-    """ValueError for a tensor, at any depth, that is not of finite numbers."""
+    """Raise ValueError for a tensor, at any depth, that is not of finite numbers."""
     if isinstance(value, dict):
         for key, inner in value.items():
             _require_finite(inner, str(key)[:40])

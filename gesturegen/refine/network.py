@@ -21,7 +21,7 @@ _LEAK = 0.2
 
 
 class Generator(nn.Module):
-    """A 1D U-Net: eight blocks down to an eighth of the frames, eight back up, and what it adds to its input.
+    """A 1D U-Net: eight blocks down to an eighth of the frames, eight back up, added to its input.
 
     The text has the network put out the gesture itself. Here it puts out a correction that is added to the k-NN's
     gesture: a plain U-Net spends its first thousands of steps on learning to copy, and what it has not learned to
@@ -43,6 +43,7 @@ class Generator(nn.Module):
         self.up.append(nn.Sequential(_block(width + level, level), _convolution(level, gesture_channels)))
 
     def forward(self, audio: Tensor, gesture: Tensor) -> Tensor:
+        """Correct gestures `[shape=(B, C, T)]` for audio `[shape=(B, A, T)]`."""
         frames = gesture.shape[-1]
         x = _whole(torch.cat([audio, gesture], dim=1))
         passed = []
@@ -60,7 +61,7 @@ class Generator(nn.Module):
 
 
 class Critic(nn.Module):
-    """Six blocks and one number per sequence `[shape=(B,)]`: higher for what looks like real speech and gesture.
+    """A network of six blocks that scores each sequence `[shape=(B,)]`: higher for more real speech and gesture.
 
     The last layer looks at the mean over time, so that a sequence may have any length.
 
@@ -86,20 +87,23 @@ class Critic(nn.Module):
         self.last = nn.Linear(width, 1)
 
     def forward(self, audio: Tensor, gesture: Tensor) -> Tensor:
+        """Score gestures `[shape=(B, C, T)]` with audio `[shape=(B, A, T)]`."""
         x = self.blocks(_whole(torch.cat([audio, gesture], dim=1)))
         return self.last(x.mean(dim=-1))[:, 0]
 
 
 def _convolution(before: int, after: int) -> nn.Conv1d:
+    """Make a convolution over time that keeps the number of frames."""
     # The edge repeated: a whole recording is corrected in one pass, where most frames are far from any edge.
     return nn.Conv1d(before, after, _KERNEL, padding="same", padding_mode="replicate")
 
 
 def _block(before: int, after: int) -> nn.Sequential:
+    """Make a convolution with batch norm and ReLU."""
     return nn.Sequential(_convolution(before, after), nn.BatchNorm1d(after), nn.ReLU())
 
 
 def _whole(x: Tensor) -> Tensor:
-    """The sequence with its last frame repeated up to a multiple of eight frames."""
+    """Pad a sequence with its last frame to a multiple of eight frames."""
     missing = -x.shape[-1] % _MULTIPLE
     return functional.pad(x, (0, missing), mode="replicate") if missing else x

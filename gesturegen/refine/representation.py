@@ -1,4 +1,4 @@
-"""What the refiner's networks see of a motion, and the way back.
+"""The representation of a motion for the refiner's networks, and the way back.
 
 Habibie et al. 2022 call their representation parent-relative. Here that is the local rotation of each joint as six
 numbers, the first two columns of its rotation matrix (Zhou et al., On the continuity of rotation representations
@@ -26,7 +26,7 @@ _LEAST_SCALE = 0.01
 
 @dataclass(frozen=True)
 class Description:
-    """What a refiner was trained on: it fits no other skeleton and no other rate.
+    """The skeleton and rate that a refiner was trained on; it fits no other.
 
     joints : names of the joints that are refined, in the order of their channels
     fps : frames per second
@@ -37,10 +37,11 @@ class Description:
 
     @property
     def channels(self) -> int:
+        """Number of channels of a gesture."""
         return CHANNELS_PER_JOINT * len(self.joints)
 
     def difference(self, other: Description) -> str | None:
-        """What differs between two descriptions in words, None when they are equal."""
+        """Describe how two descriptions differ; None when they are equal."""
         if len(self.joints) != len(other.joints):
             return (
                 f"{len(self.joints)} joints ({self.channels} channels) against {len(other.joints)} ({other.channels})"
@@ -54,17 +55,21 @@ class Description:
 
 
 def describe(motion: Motion, joints: Sequence[int]) -> Description:
+    """Describe the joints that are refined and the rate of a motion."""
     return Description(tuple(motion.skeleton.names[j] for j in joints), float(motion.fps))
 
 
 def to_channels(motion: Motion, joints: Sequence[int]) -> np.ndarray:
-    """Local rotations of `joints` `[shape=(T, 6 * len(joints))]`: per joint the first two columns of its matrix."""
+    """Convert local rotations of `joints` to channels: per joint the first two columns of its matrix.
+
+    Returns float `[shape=(T, 6 * len(joints))]`.
+    """
     matrices = rotation.to_matrix(motion.rotations[:, list(joints)])
     return np.swapaxes(matrices[..., :2], -1, -2).reshape(motion.n_frames, -1)
 
 
 def from_channels(motion: Motion, joints: Sequence[int], channels: np.ndarray) -> Motion:
-    """`motion` with the rotations of `joints` that `channels` `[shape=(T, 6 * len(joints))]` say.
+    """Replace the rotations of `joints` in `motion` by those of `channels` `[shape=(T, 6 * len(joints))]`.
 
     The two columns are made orthonormal by Gram and Schmidt, the first keeping its direction. Where they span no
     plane the rotation of `motion` stays.
@@ -92,7 +97,7 @@ def from_channels(motion: Motion, joints: Sequence[int], channels: np.ndarray) -
 
 
 def _unit(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Vectors brought to length one, and the lengths they had `[shape=(..., 1)]`."""
+    """Scale vectors to length one, and return the lengths they had `[shape=(..., 1)]`."""
     largest = np.abs(vectors).max(axis=-1, keepdims=True)
     scaled = vectors / np.maximum(largest, 1e-300)
     length = np.linalg.norm(scaled, axis=-1, keepdims=True)
@@ -101,7 +106,7 @@ def _unit(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Normalisation:
-    """Per channel, what is taken away and what is divided by.
+    """The mean and the scale of each channel, which normalisation subtracts and divides by.
 
     mean, scale : float [shape=(C,)]
     """
@@ -109,7 +114,7 @@ class Normalisation:
     mean: np.ndarray
     scale: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("mean", "scale"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
         if self.mean.ndim != 1 or self.mean.shape != self.scale.shape:
@@ -117,14 +122,18 @@ class Normalisation:
 
     @classmethod
     def of(cls, windows: np.ndarray) -> Normalisation:
-        """Mean and standard deviation of each channel of `windows` `[shape=(K, C, T)]`, the latter at least 0.01."""
+        """Measure mean and standard deviation of each channel of `windows` `[shape=(K, C, T)]`.
+
+        The standard deviation is at least 0.01.
+        """
         mean = windows.mean(axis=(0, 2), dtype=np.float64)
         scale = windows.std(axis=(0, 2), dtype=np.float64)
         return cls(mean, np.maximum(scale, _LEAST_SCALE))
 
     def apply(self, channels: np.ndarray) -> np.ndarray:
-        """Channels `[shape=(..., C, T)]` with mean 0 and standard deviation 1, float32 as the networks want them."""
+        """Normalise channels `[shape=(..., C, T)]` to mean 0 and standard deviation 1, in float32."""
         return ((channels - self.mean[:, None]) / self.scale[:, None]).astype(np.float32)
 
     def undo(self, channels: np.ndarray) -> np.ndarray:
+        """Convert normalised channels `[shape=(..., C, T)]` back, to float64."""
         return np.asarray(channels, dtype=np.float64) * self.scale[:, None] + self.mean[:, None]

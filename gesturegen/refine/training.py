@@ -1,4 +1,4 @@
-"""Training the refiner's two networks against each other, and using what was trained.
+"""Adversarial training of the refiner's two networks, and the use of a trained refiner.
 
 Habibie et al. 2022, sections 3.2 and 3.3: a Wasserstein GAN with gradient penalty whose generator is also held near
 the k-NN's gesture. On a CPU a run is a function of its pairs, settings and seed alone, bit by bit, whether it was
@@ -37,7 +37,7 @@ _CHECKED_AT_ONCE = 64
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Windows of speech with the gesture the k-NN found for them and the one that was really made.
+    """Windows of speech, each with the gesture that the k-NN retrieved and the recorded one.
 
     audio : float32 [shape=(K, A, T)]
     fake, real : float32 [shape=(K, C, T)], `representation.to_channels` transposed, not normalised
@@ -49,7 +49,7 @@ class Pairs:
     real: np.ndarray
     groups: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("audio", "fake", "real", "groups"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
         windows, _, frames = self.audio.shape
@@ -58,13 +58,14 @@ class Pairs:
         if self.groups.shape != (windows,):
             raise ValueError(f"groups has shape {self.groups.shape}, expected {(windows,)}")
 
-    def take(self, windows) -> Pairs:
+    def take(self, windows: np.ndarray) -> Pairs:
+        """Select windows by number."""
         return Pairs(self.audio[windows], self.fake[windows], self.real[windows], self.groups[windows])
 
 
 @dataclass(eq=False)
 class History:
-    """How training went; channels count in standard deviations of the training data.
+    """The course of training; channels count in standard deviations of the training data.
 
     reconstruction : [shape=(n,)], per iteration the mean |G_syn - G_kNN| over windows, channels and frames
     distance : [shape=(n,)], per iteration D(real) - D(G_syn), the critic's estimate of the Wasserstein distance
@@ -83,6 +84,7 @@ class History:
 
     @property
     def iterations(self) -> int:
+        """Number of iterations so far."""
         return len(self.reconstruction)
 
     @property
@@ -95,7 +97,9 @@ class History:
 
 
 def scores_and_slopes(critic: torch.nn.Module, audio: Tensor, gesture: Tensor) -> tuple[Tensor, Tensor]:
-    """Per window the critic's score, and the norm of its gradient by the gesture over all channels and frames.
+    """Compute per window the critic's score and the norm of its gradient by the gesture.
+
+    The norm is over all channels and frames.
 
     Both `[shape=(B,)]`, both differentiable by the critic's weights.
     """
@@ -106,12 +110,12 @@ def scores_and_slopes(critic: torch.nn.Module, audio: Tensor, gesture: Tensor) -
 
 
 def gradient_penalty(norms: Tensor) -> Tensor:
-    """The mean of (norm - 1)^2, as in equation 2; `_Run.step` says where the norms are taken."""
+    """Compute the mean of (norm - 1)^2, as in equation 2; `_Run.step` says where the norms are taken."""
     return ((norms - 1.0) ** 2).mean()
 
 
 def reconstruction(gesture: Tensor, refined: Tensor) -> Tensor:
-    """The L1 distance of two poses, summed over channels, as a mean over frames and windows.
+    """Compute the L1 distance of two poses, summed over channels, as a mean over frames and windows.
 
     The text writes L1 and no more. The gradient penalty holds the adversarial gradient of a window at length 1; a
     mean over channels as well would pull with a thousandth of that, a sum over frames as well with ten times that.
@@ -120,13 +124,16 @@ def reconstruction(gesture: Tensor, refined: Tensor) -> Tensor:
 
 
 def critic_loss(real_scores: Tensor, refined_scores: Tensor, norms: Tensor, settings: Refiner) -> Tensor:
-    """What the critic makes small: the paper prints D(real) - D(syn) for both players, and the critic raises it."""
+    """Compute the loss of the critic, which raises D(real) - D(syn).
+
+    The paper prints D(real) - D(syn) for both players.
+    """
     adversarial = refined_scores.mean() - real_scores.mean()
     return settings.w_adversarial * adversarial + settings.w_penalty * gradient_penalty(norms)
 
 
 def generator_loss(refined_scores: Tensor, gesture: Tensor, refined: Tensor, settings: Refiner) -> Tensor:
-    """What the generator makes small: it lowers D(real) - D(syn), in which only -D(syn) depends on it."""
+    """Compute the loss of the generator, which lowers D(real) - D(syn), of which only -D(syn) depends on it."""
     near = settings.w_reconstruction * reconstruction(gesture, refined)
     return near - settings.w_adversarial * refined_scores.mean()
 
@@ -168,7 +175,7 @@ def train(
 
 
 class _Run:
-    """All that changes while training."""
+    """The state of a training run."""
 
     def __init__(self, pairs: Pairs, settings: Refiner, seed: int, description: Description):
         self.settings, self.seed, self.description = settings, seed, description
@@ -208,19 +215,25 @@ class _Run:
                 self.critic.last.weight.div_(norm)
 
     def _tensors(self, pairs: Pairs) -> tuple[Tensor, Tensor, Tensor]:
-        arrays = (
-            self.audio_scale.apply(pairs.audio),
-            self.gesture_scale.apply(pairs.fake),
-            self.gesture_scale.apply(pairs.real),
+        """Normalise pairs and move them to the device."""
+        audio, fake, real = (
+            torch.from_numpy(array).to(self.device)
+            for array in (
+                self.audio_scale.apply(pairs.audio),
+                self.gesture_scale.apply(pairs.fake),
+                self.gesture_scale.apply(pairs.real),
+            )
         )
-        return tuple(torch.from_numpy(array).to(self.device) for array in arrays)
+        return audio, fake, real
 
     def finished(self) -> bool:
+        """Tell whether training ends, by its length or because the figures no longer fall."""
         history = self.history
         history.stopped = bool(history.figures) and (len(history.figures) - 1 - history.best >= self.settings.patience)
         return history.stopped or history.iterations >= self.settings.iterations
 
     def step(self) -> None:
+        """Train the critic and then the generator by one step each."""
         windows = torch.from_numpy(self.rng.integers(len(self.train[0]), size=self.settings.batch)).to(self.device)
         # Real and refined gestures to the same audio: what differs is the gesture, and how it fits the audio.
         audio, fake, real = (part[windows] for part in self.train)
@@ -250,6 +263,7 @@ class _Run:
             values_of.append(float(value))
 
     def check(self) -> None:
+        """Measure the held-out figure and keep the weights if they are the best so far."""
         audio, fake, real = self.held_out
         figure = held_out_figure(audio, fake, _apply(self.generator, audio, fake), real, self.settings)
         self.history.checks.append(self.history.iterations)
@@ -262,7 +276,7 @@ class _Run:
             }
 
     def state(self) -> dict[str, Any]:
-        """Numbers, texts and tensors only, so that reading it runs no code."""
+        """Return the state as numbers, texts and tensors only, so that reading it runs no code."""
         return {
             "format": checkpoints.FORMAT,
             "description": {"joints": list(self.description.joints), "fps": self.description.fps},
@@ -284,7 +298,7 @@ class _Run:
         }
 
     def restore(self, state: dict[str, Any], path: Path) -> None:
-        """Go on from a checkpoint; DataError when it is of another run."""
+        """Continue from a checkpoint; raises DataError when it is of another run."""
         _same_skeleton(state, self.description, path)
         old, new = state["settings"], self.settings.model_dump()
         changed = next((key for key in new if key not in _MAY_CHANGE and old.get(key) != new[key]), None)
@@ -304,7 +318,7 @@ class _Run:
 
 
 def held_out_figure(audio: Tensor, fake: Tensor, refined: Tensor, real: Tensor, settings: Refiner) -> float:
-    """What early stopping makes small: how far refined windows are from real ones, and from the k-NN's.
+    """Compute the figure of early stopping: how far refined windows are from real ones, and from the k-NN's.
 
     The first part is how far poses and speeds go with the audio as real ones do: the mean difference of their
     covariances with it, over channels and audio values, relative to that of the k-NN's gestures. Not a difference
@@ -318,16 +332,16 @@ def held_out_figure(audio: Tensor, fake: Tensor, refined: Tensor, real: Tensor, 
 
 
 def _covariances(audio: Tensor, gesture: Tensor) -> Tensor:
-    """Covariances within windows of poses and of speeds with the audio `[shape=(2, A, C)]`."""
+    """Compute covariances within windows of poses and of speeds with the audio `[shape=(2, A, C)]`."""
     values = []
     for part, sound in ((gesture, audio), (gesture.diff(dim=2).abs(), audio[..., 1:])):
-        part = part - part.mean(dim=2, keepdim=True)
-        values.append(torch.einsum("kat,kct->ac", sound, part) / (len(part) * part.shape[2]))
+        centred = part - part.mean(dim=2, keepdim=True)
+        values.append(torch.einsum("kat,kct->ac", sound, centred) / (len(part) * part.shape[2]))
     return torch.stack(values)
 
 
 def _apply(generator: Generator, audio: Tensor, gesture: Tensor) -> Tensor:
-    """The refined windows, by the running statistics of batch norm: no window depends on another."""
+    """Refine windows by the running statistics of batch norm: no window depends on another."""
     generator.eval()
     with torch.no_grad():
         parts = zip(audio.split(_CHECKED_AT_ONCE), gesture.split(_CHECKED_AT_ONCE), strict=True)
@@ -337,7 +351,7 @@ def _apply(generator: Generator, audio: Tensor, gesture: Tensor) -> Tensor:
 
 
 def _split(groups: np.ndarray, share: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of the windows to train on and of those held out.
+    """Split windows into those to train on and those held out, by number.
 
     Whole recordings are held out, at least one; of a single recording its last windows.
     """
@@ -356,23 +370,27 @@ def _split(groups: np.ndarray, share: float, seed: int) -> tuple[np.ndarray, np.
 
 
 def _spread(windows: np.ndarray, most: int) -> np.ndarray:
-    """At most `most` of `windows`, evenly spread."""
+    """Take at most `most` of `windows`, evenly spread."""
     if len(windows) <= most:
         return windows
     return windows[np.linspace(0, len(windows) - 1, most).round().astype(int)]
 
 
 def _digest(pairs: Pairs) -> str:
+    """Compute a hash of the training pairs."""
     digest = hashlib.sha256()
     for array in (pairs.audio, pairs.fake, pairs.real, pairs.groups):
         digest.update(f"{array.shape} {array.dtype}".encode())
-        digest.update(np.ascontiguousarray(array))
+        digest.update(np.ascontiguousarray(array).data)
     return digest.hexdigest()
 
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """The order of sums, and so their last bits, depends on the number of threads: always one."""
+    """Limit torch to one thread inside the block.
+
+    The order of sums, and so their last bits, depends on the number of threads.
+    """
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -382,6 +400,7 @@ def _one_thread() -> Iterator[None]:
 
 
 def _device(settings: Refiner) -> torch.device:
+    """Choose the device of torch; raises DataError where a graphics card is asked for and there is none."""
     if settings.device == "cuda" and not torch.cuda.is_available():
         raise DataError("device cuda: torch finds no graphics card it can use; set device to auto or cpu")
     return torch.device("cuda" if settings.device != "cpu" and torch.cuda.is_available() else "cpu")
@@ -391,24 +410,28 @@ def _device(settings: Refiner) -> torch.device:
 
 
 def _as_lists(scale: Normalisation) -> dict[str, list[float]]:
+    """Convert a normalisation to lists of numbers, as a checkpoint holds it."""
     return {"mean": scale.mean.tolist(), "scale": scale.scale.tolist()}
 
 
 def _scale(state: dict[str, Any], name: str) -> Normalisation:
+    """Read a normalisation from the state of a checkpoint."""
     return Normalisation(*(np.array(state["scales"][name][part]) for part in ("mean", "scale")))
 
 
 def _description(state: dict[str, Any]) -> Description:
+    """Read the description of the training data from the state of a checkpoint."""
     return Description(tuple(state["description"]["joints"]), state["description"]["fps"])
 
 
 def _same_skeleton(state: dict[str, Any], description: Description, path: str | Path) -> None:
+    """Raise DataError where a checkpoint was trained for another skeleton or rate."""
     if difference := _description(state).difference(description):
         raise DataError(f"{path}: trained for another skeleton: {difference}; train a refiner for this one")
 
 
 def _networks(state: dict[str, Any], device: torch.device, path: str | Path) -> tuple[Generator, Critic]:
-    """The networks with the best weights, for use; DamagedError when those of the file at `path` do not fit them."""
+    """Load the networks with the best weights, for use; raises DamagedError when those of the file do not fit."""
     channels = state["audio_channels"], _description(state).channels
     generator, critic = Generator(*channels), Critic(*channels)
     with checkpoints.fitting(path):
@@ -427,7 +450,9 @@ def refine(
     description: Description,
     settings: Refiner | None = None,
 ) -> np.ndarray:
-    """The refined gesture `[shape=(C, T)]` for audio `[shape=(A, T)]` and the k-NN's gesture `[shape=(C, T)]`.
+    """Refine the k-NN's gesture `[shape=(C, T)]` for audio `[shape=(A, T)]`.
+
+    Returns the refined gesture `[shape=(C, T)]`.
 
     The whole sequence in one pass: the generator is fully convolutional, so there are no windows to join.
     Raises DataError for a checkpoint that is missing, damaged, or of another skeleton than `description`.
@@ -448,7 +473,7 @@ def refine(
 
 
 def conditioning_margin(checkpoint_path: str | Path, pairs: Pairs, seeds: Sequence[int] = range(5)) -> dict[str, Any]:
-    """Is the audio really used? What is lost when held-out windows are given the audio of other windows.
+    """Measure whether the audio is used: the loss when held-out windows are given the audio of other windows.
 
     critic : D(F, real) - D(F', real), with F' the audio of another window
     generator : D(F, G(F, kNN)) - D(F, G(F', kNN)): what the generator's output loses in the eyes of the critic
@@ -485,7 +510,7 @@ def conditioning_margin(checkpoint_path: str | Path, pairs: Pairs, seeds: Sequen
 
 
 def _elsewhere(count: int, seed: int) -> np.ndarray:
-    """For each of `count` windows the number of another one, no two the same."""
+    """Choose for each of `count` windows the number of another one, no two the same."""
     order = randomness.generator(seed, "refine shuffled audio").permutation(count)
     other = np.empty(count, dtype=int)
     other[order] = np.roll(order, 1)

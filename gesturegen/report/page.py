@@ -20,6 +20,7 @@ from pathlib import Path
 from gesturegen import evaluation, files
 from gesturegen.experiment.presets import ABLATION_COLUMNS
 from gesturegen.experiment.tables import format_spread
+from gesturegen.metrics.measures import VIEWER_BLOCKS
 from gesturegen.report import lengths
 from gesturegen.settings.models import Config
 from gesturegen.tables import beside_of, format_figure
@@ -154,7 +155,7 @@ def _summary(content: Content, config: Config) -> str:
     columns = [
         measure
         for measure in evaluation.measures(config)
-        if measure.block not in evaluation.VIEWER_BLOCKS
+        if measure.block not in VIEWER_BLOCKS
         and any(row.get(measure.key) is not None for row in [*figures["clips"].values(), figures["total"]])
     ]
     headings = ["clip", "seconds", "pieces", "hard joins", "retries", "fallbacks", *(m.heading for m in columns)]
@@ -182,7 +183,7 @@ def _viewer(content: Content, config: Config) -> str:
     """A table for each block of what a viewer complains of, with what stands beside its total."""
     figures = content.figures or {"clips": {}, "total": {}}
     beside, html = figures.get("beside", {}), ""
-    for block in evaluation.VIEWER_BLOCKS:
+    for block in VIEWER_BLOCKS:
         every = [*figures["clips"].values(), figures["total"]]
         listed = [measure for measure in evaluation.measures(config) if measure.block == block]
         columns = [measure for measure in listed if any(row.get(measure.key) is not None for row in every)]

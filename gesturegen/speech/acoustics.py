@@ -1,4 +1,4 @@
-"""The sound of the voice over time, as k-NN motion matching compares it (Habibie et al. 2022, §3.1.1).
+"""Acoustic features of the voice over time, as k-NN motion matching compares them (Habibie et al. 2022, §3.1.1).
 
 The question answered: which 13 mel-frequency cepstral coefficients and which energy does the voice have at each
 moment? They are measured on the whole clip, never on crops: librosa cuts off what is 80 dB below the loudest.
@@ -22,7 +22,7 @@ _FLOOR = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Acoustics:
-    """The sound of a clip; value k is that of the time k / rate.
+    """Acoustic features of a clip; value k is that of the time k / rate.
 
     values : float32 [shape=(T, coefficients + 1)], MFCC and the natural logarithm of the mean square, last
     rate : values per second
@@ -31,14 +31,14 @@ class Acoustics:
     values: np.ndarray
     rate: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "values", read_only(np.asarray(self.values, dtype=np.float32)))
         if self.values.ndim != 2 or 0 in self.values.shape:
             raise ValueError(f"values have shape {self.values.shape}, expected one of each kind or more")
 
 
 def measure(samples: np.ndarray, rate: int, settings: Settings) -> Acoustics:
-    """MFCC and log mean energy of mono `samples` `[shape=(n,)]` at `rate` Hz, `settings.rate` values a second.
+    """Compute MFCC and log mean energy of mono `samples` `[shape=(n,)]` at `rate` Hz, `settings.rate` values a second.
 
     Value k looks at the 2048 samples around k / settings.rate, with silence beyond the ends. Audio shorter than
     that is padded with silence to that length.

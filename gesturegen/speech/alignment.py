@@ -1,4 +1,4 @@
-"""When is each word of a text said? Forced alignment of English speech, with pocketsphinx and the model in its wheel.
+"""Forced alignment of English text with speech, by pocketsphinx and the model in its wheel.
 
 Words that the model's dictionary does not have are put together from parts that it has, spelled, or pronounced by rule.
 Needs the extra `align`; nothing is downloaded.
@@ -11,6 +11,7 @@ import importlib.util
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,12 +22,19 @@ from gesturegen.extras import need
 from gesturegen.speech import pronunciation
 from gesturegen.speech.transcript import Cell, normalize, share_out
 
+if TYPE_CHECKING:
+    import pocketsphinx
+
 EXTRA = "align"
 _NEEDED = ("pocketsphinx", "inflect")
 RATE = 16000
 _FRAMES_PER_SECOND = 100
 # The default beams, and wider ones for where they lose the way.
-_BEAMS = ({}, {"beam": 1e-80, "wbeam": 1e-60, "pbeam": 1e-80}, {"beam": 1e-120, "wbeam": 1e-100, "pbeam": 1e-120})
+_BEAMS: tuple[dict[str, float], ...] = (
+    {},
+    {"beam": 1e-80, "wbeam": 1e-60, "pbeam": 1e-80},
+    {"beam": 1e-120, "wbeam": 1e-100, "pbeam": 1e-120},
+)
 # A text of so few words a minute may lack some that are said.
 _FEW_WORDS_A_MINUTE = 60
 # Nobody says more; a text of more would take long to be refused.
@@ -53,7 +61,7 @@ class Aligned:
     spread: tuple[str, ...]
 
     def described(self) -> str:
-        """What was guessed, to stand at the end of a line."""
+        """Describe what was guessed, as the end of a line."""
         texts = ["with wide beams"] if self.wide else []
         texts += [f"pronounced by rule: {_named(self.by_rule)}"] if self.by_rule else []
         texts += [f"placed between their neighbours: {_named(self.spread)}"] if self.spread else []
@@ -63,24 +71,25 @@ class Aligned:
 
 
 def _named(words: Sequence[str]) -> str:
+    """Format a list of words, cut after the first eight."""
     more = f" and {len(words) - _MOST_NAMED} more" if len(words) > _MOST_NAMED else ""
     return inputs.shown(", ".join(words[:_MOST_NAMED])) + more
 
 
 def missing() -> str | None:
-    """What to install before `align` can be called; None where everything is there."""
+    """Describe what to install before `align` can be called; None where everything is installed."""
     if all(importlib.util.find_spec(module) is not None for module in _NEEDED):
         return None
     return f"to have it aligned, run: pip install 'gesturegen[{EXTRA}]'"
 
 
 def version() -> str:
-    """What aligns, for stored files that depend on it; empty where nothing does."""
+    """Name the aligner and its version, for stored files that depend on it; empty where it is not installed."""
     return "" if missing() else f"pocketsphinx {importlib.metadata.version('pocketsphinx')}"
 
 
 def to_pcm(samples: np.ndarray, rate: int) -> bytes:
-    """Mono samples as pocketsphinx takes them: 16 bits, 16 kHz, as loud as they go."""
+    """Convert mono samples to the format of pocketsphinx: 16 bits, 16 kHz, scaled to full amplitude."""
     if rate != RATE:
         samples = load_librosa().resample(samples, orig_sr=rate, target_sr=RATE)
     loudest = float(np.abs(samples).max(initial=0.0))
@@ -89,7 +98,7 @@ def to_pcm(samples: np.ndarray, rate: int) -> bytes:
 
 
 def align(words: Sequence[str], samples: np.ndarray, rate: int, what: str) -> Aligned:
-    """Times of the words of a text in the sound of it.
+    """Align the words of a text with the sound of it.
 
     words : as they are written; samples : mono, at `rate` Hz; what : file to name in errors
     DataError where the text does not fit the sound, and where the extra is not installed.
@@ -102,10 +111,10 @@ def align(words: Sequence[str], samples: np.ndarray, rate: int, what: str) -> Al
     fits = len(words) <= _MOST_WORDS_A_SECOND * seconds + _MORE_WORDS
     for beams in _BEAMS if fits else ():
         decoder, entries, by_rule = _decoder(words, beams)
-        said = [place for place, entry in enumerate(entries) if entry is not None]
+        said = {place: entry for place, entry in enumerate(entries) if entry is not None}
         if not said:
             raise DataError(f"{what}: no word of it can be pronounced as English; give a transcript with times")
-        times = _times(decoder, [entries[place] for place in said], pcm)
+        times = _times(decoder, list(said.values()), pcm)
         if times is not None:
             cells, spread = _all(words, dict(zip(said, times, strict=True)), seconds)
             return Aligned(cells, 60 * len(words) / seconds, bool(beams), by_rule, spread)
@@ -116,7 +125,7 @@ def align(words: Sequence[str], samples: np.ndarray, rate: int, what: str) -> Al
 
 
 def recognise(samples: np.ndarray, rate: int) -> list[Cell]:
-    """The words that pocketsphinx hears in mono samples at `rate` Hz, of English; of real speech many are wrong."""
+    """Recognise English words in mono samples at `rate` Hz by pocketsphinx; of real speech many are wrong."""
     pocketsphinx = need("pocketsphinx", EXTRA)
     decoder = pocketsphinx.Decoder(samprate=RATE, loglevel="FATAL")
     decoder.start_utt()
@@ -131,8 +140,13 @@ def recognise(samples: np.ndarray, rate: int) -> list[Cell]:
     ]
 
 
-def _decoder(words: Sequence[str], beams: dict[str, float]):
-    """pocketsphinx with a pronunciation for each word; its entries, None for what has none, and those that are guesses."""
+def _decoder(
+    words: Sequence[str], beams: dict[str, float]
+) -> tuple[pocketsphinx.Decoder, list[str | None], tuple[str, ...]]:
+    """Set up pocketsphinx with a pronunciation for each word.
+
+    Returns the decoder, its entries (None for a word that cannot be pronounced), and words with guessed pronunciations.
+    """
     pocketsphinx = need("pocketsphinx", EXTRA)
     decoder = pocketsphinx.Decoder(samprate=RATE, loglevel="FATAL", lm=None, **beams)
     entries: list[str | None] = []
@@ -155,8 +169,8 @@ def _decoder(words: Sequence[str], beams: dict[str, float]):
     return decoder, entries, tuple(by_rule)
 
 
-def _times(decoder, entries: Sequence[str], pcm: bytes) -> list[tuple[float, float]] | None:
-    """Start and end of each entry in seconds; None where the decoder does not come to the end of the text.
+def _times(decoder: pocketsphinx.Decoder, entries: Sequence[str], pcm: bytes) -> list[tuple[float, float]] | None:
+    """Align entries: start and end of each in seconds; None where the decoder does not reach the end of the text.
 
     A text of many words takes a time in proportion to its square, so a long recording is aligned piece by piece: of each
     piece with more text than it can hold, all is kept but the end, where the next one begins.
@@ -176,11 +190,17 @@ def _times(decoder, entries: Sequence[str], pcm: bytes) -> list[tuple[float, flo
 
 
 def _byte(seconds: float) -> int:
+    """Convert seconds to a place in 16-bit samples, in bytes."""
     return 2 * round(seconds * RATE)
 
 
-def _segments(decoder, entries: Sequence[str], pcm: bytes, whole: bool) -> list[tuple[float, float]] | None:
-    """Start and end in seconds of all entries, or, where the sound need not be that of the `whole` text, of the first."""
+def _segments(
+    decoder: pocketsphinx.Decoder, entries: Sequence[str], pcm: bytes, whole: bool
+) -> list[tuple[float, float]] | None:
+    """Align entries with one stretch of sound: start and end in seconds.
+
+    whole : whether all entries must be in the sound; else those that are count, from the first on
+    """
     decoder.set_align_text(" ".join(entries))
     decoder.start_utt()
     decoder.process_raw(pcm, no_search=False, full_utt=True)
@@ -197,8 +217,8 @@ def _segments(decoder, entries: Sequence[str], pcm: bytes, whole: bool) -> list[
     return [(start / _FRAMES_PER_SECOND, end / _FRAMES_PER_SECOND) for _, start, end in read]
 
 
-def _read(decoder) -> list[tuple[str, int, int]] | None:
-    """Entries with their first frame and the one after their last, as the decoder has them."""
+def _read(decoder: pocketsphinx.Decoder) -> list[tuple[str, int, int]] | None:
+    """Read the decoder's entries with their first frame and the frame after their last."""
     if decoder.hyp() is None:
         return None
     return [
@@ -211,7 +231,7 @@ def _read(decoder) -> list[tuple[str, int, int]] | None:
 def _all(
     words: Sequence[str], times: dict[int, tuple[float, float]], seconds: float
 ) -> tuple[list[Cell], tuple[str, ...]]:
-    """A cell for each word; those without times are put between their neighbours, by syllables."""
+    """Make a cell for each word; words without times are put between their neighbours, by syllables."""
     cells: list[Cell] = []
     spread: list[str] = []
     waiting: list[str] = []

@@ -7,12 +7,13 @@ backtracked one. The threshold is applied later, so that it can change without r
 
 from __future__ import annotations
 
-import os
+import io
 import struct
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -23,6 +24,9 @@ from gesturegen.motion.skeleton import read_only
 from gesturegen.settings.speech import Onsets
 from gesturegen.speech import compressed
 from gesturegen.speech.channels import Mixer
+
+if TYPE_CHECKING:
+    import soundfile
 
 LOSSLESS = (".wav", ".flac")
 # Of a clip that has one of those as well these are taken for copies, as tools leave them beside.
@@ -67,12 +71,12 @@ class OnsetPeaks:
     strengths: np.ndarray
     near_mute: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("times", "strengths", "near_mute"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     def threshold(self, settings: Onsets, voiced: np.ndarray) -> float:
-        """The strength from which on a peak is an onset: `min_strength`, or as the recording asks (`per_second`).
+        """Return the least strength of an onset: `min_strength`, or as fits the recording (`per_second`).
 
         With `per_second` it is such that there are so many peaks per second of speech, of those in the speech.
         voiced : seconds `[shape=(S, 2)]` in which somebody speaks; without any, `min_strength` holds
@@ -82,7 +86,7 @@ class OnsetPeaks:
         return self.threshold_for(settings.per_second, voiced, settings.min_strength)
 
     def threshold_for(self, per_second: float, voiced: np.ndarray, otherwise: float) -> float:
-        """The strength above which there are `per_second` peaks per second of speech; `otherwise` without speech."""
+        """Compute the strength that `per_second` peaks per second of speech exceed; `otherwise` without speech."""
         count = round(per_second * voiced_seconds(voiced))
         strengths = np.sort(self.strengths[self._within(voiced) & ~self.near_mute])[::-1]
         if count == 0 or not len(strengths):
@@ -90,19 +94,19 @@ class OnsetPeaks:
         return float(strengths[min(count, len(strengths)) - 1])
 
     def rate(self, min_strength: float, muted_max_share: float, voiced: np.ndarray) -> float:
-        """Onsets per second of speech; NaN without speech."""
+        """Compute the number of onsets per second of speech; NaN without speech."""
         onsets = self.are_onsets(min_strength, muted_max_share) & self._within(voiced)
         return onsets.sum() / seconds if (seconds := voiced_seconds(voiced)) > 0 else np.nan
 
     def _within(self, voiced: np.ndarray) -> np.ndarray:
-        """Which peaks lie in the speech; backtracked times are a little before the voice."""
+        """Tell which peaks lie in the speech; backtracked times are a little before the voice."""
         marks = np.asarray(voiced, dtype=np.float64).reshape(-1, 2)
         after = np.searchsorted(marks[:, 0], self.times + _VOICE_SLACK_SECONDS, side="right") - 1
         ends = np.append(marks[:, 1], -np.inf)
         return (after >= 0) & (self.times <= ends[after] + _VOICE_SLACK_SECONDS)
 
     def are_onsets(self, min_strength: float, muted_max_share: float) -> np.ndarray:
-        """Which peaks are onsets, bool `[shape=(K,)]`: those at least `min_strength` strong, but no pops around mutes.
+        """Tell which peaks are onsets, bool `[shape=(K,)]`: at least `min_strength` strong, and no pop around a mute.
 
         If pops would be more than `muted_max_share` of the onsets, the recording is gated or synthetic,
         not censored, and none is dropped.
@@ -114,7 +118,7 @@ class OnsetPeaks:
         return strong
 
     def select(self, min_strength: float, muted_max_share: float) -> np.ndarray:
-        """Times in seconds of the peaks that are onsets (`are_onsets`)."""
+        """List the times in seconds of the peaks that are onsets (`are_onsets`)."""
         return self.times[self.are_onsets(min_strength, muted_max_share)]
 
 
@@ -128,13 +132,13 @@ class Sound:
 
 
 def read_samples(path: str | Path) -> tuple[np.ndarray, int]:
-    """The mean of all channels `[shape=(n,)]` float32 and the sample rate in Hz of a sound file, as by `read`."""
+    """Read the mean of all channels `[shape=(n,)]` float32 and the sample rate in Hz of a sound file, as by `read`."""
     sound = read(path)
     return sound.samples, sound.rate
 
 
 def read(path: str | Path, channel: str | int = "mix") -> Sound:
-    """One channel, or the mean of all, of a WAV, FLAC, Ogg (Vorbis, Opus), MP3, M4A or AAC file.
+    """Read one channel, or the mean of all, of a WAV, FLAC, Ogg (Vorbis, Opus), MP3, M4A or AAC file.
 
     What a file is is told by its first bytes, whatever it is called. channel : `mix`, `left`, `right` or a number from 1.
     Raises DataError, saying what the file is, for anything else, for a truncated or empty file and for samples that
@@ -147,20 +151,28 @@ def read(path: str | Path, channel: str | int = "mix") -> Sound:
         try:
             size = inputs.size(opened)
             mended = _refuse_cut_off(path, opened, size)
-            os.lseek(opened.fileno(), 0, os.SEEK_SET)  # seek() may stay inside its buffer
-            head = os.read(opened.fileno(), 12)
-            os.lseek(opened.fileno(), 0, os.SEEK_SET)
-            foreign = compressed.kind(head)
+            # Without its buffer, which would not know where libsndfile leaves off.
+            plain = io.FileIO(opened.fileno(), closefd=False)
+            plain.seek(0)
+            foreign = compressed.kind(plain.read(12))
+            plain.seek(0)
             try:
                 source = _Mended(opened, mended) if mended else opened.fileno()
-                with _sequential(soundfile)(source, closefd=False) as file:
-                    _check_format(path, file.format, file.samplerate, file.channels)
-                    return _read_sound(path, file, size, channel)
+                # libmpg123, in libsndfile, says on standard error alone that it leaves something out.
+                with compressed.overheard() if foreign else nullcontext() as heard:
+                    with _sequential(soundfile)(source, closefd=False) as file:
+                        _check_format(path, file.format, file.samplerate, file.channels)
+                        announced = file.frames / file.samplerate if file.format in _GUESSED else None
+                        sound = _read_sound(path, file, size, channel)
             except soundfile.SoundFileError:
                 if foreign is None:
                     raise
-            opened.seek(0)
-            decoder = compressed.Decoder(path, opened, foreign)
+            else:
+                if announced and compressed.counts_its_frames(plain):
+                    compressed.refuse_cut_off(path, len(sound.samples) / sound.rate, announced)
+                return replace(sound, notes=(*sound.notes, *compressed.notes(inputs.shown(path.name), heard or [])))
+            plain.seek(0)
+            decoder = compressed.Decoder(path, plain, foreign)
             _check_format(path, None, decoder.rate, decoder.n_channels)
             return _gather(path, decoder.blocks(), decoder.rate, decoder.n_channels, size, channel)
         except OSError as error:
@@ -173,7 +185,7 @@ def read(path: str | Path, channel: str | int = "mix") -> Sound:
 
 
 class _Mended:
-    """An open file, some bytes of which read as others; libsndfile takes the lengths of a header to the letter."""
+    """An open file in which some bytes are replaced: libsndfile takes the lengths in a header to the letter."""
 
     def __init__(self, file: BinaryIO, changes: Mapping[int, bytes]):
         self._file, self._changes = file, changes
@@ -184,7 +196,7 @@ class _Mended:
     def tell(self) -> int:
         return self._file.tell()
 
-    def readinto(self, buffer) -> int:
+    def readinto(self, buffer: memoryview | bytearray) -> int:
         start, data = self._file.tell(), bytearray(self._file.read(len(buffer)))
         for at, new in self._changes.items():
             for place, byte in enumerate(new, at - start):
@@ -197,12 +209,12 @@ class _Mended:
         buffer = bytearray(count)
         return bytes(buffer[: self.readinto(buffer)])
 
-    def write(self, _) -> int:
+    def write(self, _: bytes) -> int:
         raise OSError("only read")
 
 
-def _sequential(soundfile) -> type:
-    """soundfile's reader without a seek after each block, which fails in FLAC of unknown length."""
+def _sequential(soundfile: Any) -> type:
+    """Make a subclass of soundfile's reader that never seeks, which would fail in FLAC of unknown length."""
 
     class Sequential(soundfile.SoundFile):
         def seekable(self) -> bool:
@@ -212,7 +224,7 @@ def _sequential(soundfile) -> type:
 
 
 def _check_format(path: Path, kind: str | None, rate: int, channels: int) -> None:
-    """DataError for a format that is not read, and for figures of the header that no recording has."""
+    """Raise DataError for a format that is not read, and for header figures that no recording has."""
     low, high = SAMPLE_RATES
     if kind is not None and kind not in _READABLE:
         raise DataError(f"{inputs.shown(path)}: this is {kind}, which cannot be used; convert it to WAV")
@@ -227,8 +239,8 @@ def _check_format(path: Path, kind: str | None, rate: int, channels: int) -> Non
         )
 
 
-def _read_sound(path: Path, file, size: int, channel: str | int) -> Sound:
-    """What libsndfile reads, in blocks so that no announced length is taken on trust."""
+def _read_sound(path: Path, file: soundfile.SoundFile, size: int, channel: str | int) -> Sound:
+    """Read by libsndfile, in blocks so that no announced length is trusted."""
     # No recording is as long as a stream's encoder says that cannot know.
     known = file.format not in _GUESSED and 0 < file.frames <= MOST_SECONDS * file.samplerate
     known &= file.frames < _UNKNOWN_FRAMES and not any(file.frames in marks for marks in _UNKNOWN_LENGTHS)
@@ -245,7 +257,10 @@ def _gather(
     path: Path, blocks: Iterable[np.ndarray], rate: int, n_channels: int, size: int, channel: str | int,
     announced: int | None = None,
 ) -> Sound:  # fmt: skip
-    """One channel of blocks `[shape=(n, channels)]`; announced : samples that there should be, None for unknown."""
+    """Collect one channel of blocks `[shape=(n, channels)]`.
+
+    announced : number of samples that there should be, None for unknown
+    """
     most = min(MOST_SECONDS * rate, (_ALWAYS_ALLOWED + _MOST_TIMES * size) // 4)
     mixer = Mixer(inputs.shown(path), n_channels, rate, channel)
     kept, count = [], 0
@@ -276,12 +291,12 @@ def _gather(
 
 
 def voiced_seconds(voiced: np.ndarray) -> float:
-    """The sum of spans `[shape=(S, 2)]`, seconds."""
+    """Sum the lengths of spans `[shape=(S, 2)]`, seconds."""
     return float(np.sum(voiced[:, 1] - voiced[:, 0]))
 
 
 def detect_onset_peaks(samples: np.ndarray, rate: int, settings: Onsets) -> OnsetPeaks:
-    """Onset peaks of mono `samples` `[shape=(n,)]` at `rate` Hz.
+    """Detect onset peaks of mono `samples` `[shape=(n,)]` at `rate` Hz.
 
     librosa.onset.onset_strength and onset_detect with their defaults (§4.1.1 and the reference [12] there).
     """
@@ -308,7 +323,7 @@ def detect_onset_peaks(samples: np.ndarray, rate: int, settings: Onsets) -> Onse
 
 
 def _backtrack(peaks: np.ndarray, strength: np.ndarray) -> np.ndarray:
-    """The last local minimum of `strength` at or before each peak, or frame 0, as librosa.onset.onset_backtrack.
+    """Find the last local minimum of `strength` at or before each peak, or frame 0, as librosa.onset.onset_backtrack.
 
     librosa's own takes five seconds to compile.
     """
@@ -318,7 +333,7 @@ def _backtrack(peaks: np.ndarray, strength: np.ndarray) -> np.ndarray:
 
 
 def _mute_edges(samples: np.ndarray, rate: int, settings: Onsets) -> np.ndarray:
-    """Times in seconds where runs of exact zeros of a censored name's length begin and end."""
+    """Find the times in seconds where runs of exact zeros as long as a censored name begin and end."""
     silent = np.concatenate([[False], samples == 0, [False]]).astype(np.int8)
     change = np.diff(silent)
     starts, ends = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
@@ -328,6 +343,7 @@ def _mute_edges(samples: np.ndarray, rate: int, settings: Onsets) -> np.ndarray:
 
 
 def _distance_to_nearest(times: np.ndarray, marks: np.ndarray) -> np.ndarray:
+    """Compute the distance from each time to the nearest mark; infinite without marks."""
     if len(marks) == 0:
         return np.full(len(times), np.inf)
     after = np.searchsorted(marks, times)
@@ -354,7 +370,10 @@ def _refuse_cut_off(path: Path, file: BinaryIO, size: int) -> dict[int, bytes]:
 
 
 def _check_chunks(path: Path, file: BinaryIO, size: int, head: bytes) -> dict[int, bytes]:
-    """A WAV file has one data chunk, as long as announced; `ds64` holds the length where 32 bits are too few."""
+    """Check that a WAV file has one data chunk, as long as announced.
+
+    `ds64` holds the length where 32 bits are too few. Returns the same as `_refuse_cut_off`.
+    """
     if len(head) == 12 and head[8:] != b"WAVE":
         kind = head[8:].decode("latin-1")
         raise DataError(f"{inputs.shown(path)}: a RIFF file of type {kind!r}, not WAV; convert its sound to WAV")
@@ -392,7 +411,7 @@ def _check_chunks(path: Path, file: BinaryIO, size: int, head: bytes) -> dict[in
 
 
 def _is_unknown(length: int, large: int | None, size: int, head: bytes) -> bool:
-    """Whether a data chunk that is not empty says that its writer could not know its length, or was killed before.
+    """Tell whether the length of a data chunk is a mark of a writer that did not know it, or was killed before.
 
     A length of 0 with audio behind it is one of these, unless the whole file is as long as the header says: then that
     is other data. large : what `ds64` says, None without
@@ -405,7 +424,10 @@ def _is_unknown(length: int, large: int | None, size: int, head: bytes) -> bool:
 
 
 def _check_last_page(path: Path, file: BinaryIO, size: int) -> None:
-    """The last page of an Ogg file says that it is the last, and is whole; a page has at most 65,307 bytes."""
+    """Check that the last page of an Ogg file is marked as the last, and is whole.
+
+    A page has at most 65,307 bytes.
+    """
     file.seek(max(size - 65_307, 0))
     tail = file.read()
     page = tail[max(tail.rfind(b"OggS"), 0) :]

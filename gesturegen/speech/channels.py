@@ -1,4 +1,4 @@
-"""Channels of a sound file: their mix, or one of them, and whether the mix says what they say.
+"""Channels of a sound file: their mix, or one of them, and a check that the mix does not cancel the voice.
 
 The question answered: is the mean of all channels the speaker's voice? It is not where each channel has a speaker of
 its own, and it is next to silence where the channels are the same with opposite signs, as of a balanced cable.
@@ -22,17 +22,19 @@ _SIDES = {"left": 1, "right": 2}
 
 
 class Mixer:
-    """Make one channel of blocks of several, and listen to them all the while.
+    """A reduction of blocks of several channels to one, with statistics of the channels on the way.
 
     channel : `mix`, `left`, `right` or a number from 1; a file with one channel is taken as it is with the first three
     """
 
     def __init__(self, path: str, n_channels: int, rate: int, channel: str | int = "mix"):
         self.n_channels, self.channel = n_channels, channel
-        number = _SIDES.get(channel, channel)
-        if channel == "mix" or (n_channels == 1 and channel in _SIDES):
-            number = None
-        elif number > n_channels:
+        number: int | None
+        if isinstance(channel, int):
+            number = channel
+        else:
+            number = None if channel == "mix" or n_channels == 1 else _SIDES[channel]
+        if number is not None and number > n_channels:
             raise DataError(
                 f"{path}: {n_channels} channel{'s'[: n_channels > 1]}, audio.channel says {channel}; set it to mix or to a lower number"
             )
@@ -43,7 +45,7 @@ class Mixer:
         self._mixed = 0.0
 
     def add(self, block: np.ndarray) -> np.ndarray:
-        """One channel `[shape=(n,)]` of a block `[shape=(n, channels)]`, float32."""
+        """Return one channel `[shape=(n,)]` of a block `[shape=(n, channels)]`, float32."""
         mono = block.mean(axis=1, dtype=np.float32) if self._place is None else block[:, self._place].copy()
         if self._place is None and self.n_channels > 1:
             self._mixed += float(np.sum(np.square(mono, dtype=np.float64)))
@@ -55,7 +57,7 @@ class Mixer:
         return mono
 
     def notes(self, name: str) -> list[str]:
-        """What is odd about the channels of a file called `name`, in one line at most."""
+        """Describe what is odd about the channels of a file called `name`, in one line at most."""
         if not self._powers:
             return []
         last = np.square(self._rest, dtype=np.float64).sum(axis=0)

@@ -48,12 +48,13 @@ class _Piece:
 
     @property
     def length(self) -> int:
+        """Length in frames."""
         return self.end - self.start
 
 
 @dataclass(frozen=True)
 class _Gaps:
-    """Where no word is, in order: before the first of K words, between two words, after the last.
+    """Stretches without a word, in order: before the first of K words, between two words, after the last.
 
     starts, ends : float [shape=(K + 1,)], in frames; an end at or before its start is no gap
     """
@@ -63,10 +64,12 @@ class _Gaps:
 
     @property
     def widths(self) -> np.ndarray:
+        """Widths of the gaps in frames."""
         return self.ends - self.starts
 
     @property
     def middles(self) -> np.ndarray:
+        """Frames in the middle of the gaps."""
         return _frames((self.starts + self.ends) / 2)
 
 
@@ -77,7 +80,7 @@ def cut(
     settings: Cutting,
     speeds: np.ndarray | None = None,
 ) -> list[Cut]:
-    """Clips and rests that cover the frames 0 to `n_frames` in order, each frame once.
+    """Cut the frames 0 to `n_frames` into clips and rests, in order, each frame once.
 
     words : start and end in seconds from frame 0, in order of start. They may overlap, have no length (an
         instant) or stick out of the frames (what is outside does not count).
@@ -117,7 +120,7 @@ def threshold_row(
     thresholds: Sequence[float] = THRESHOLDS,
     speeds: np.ndarray | None = None,
 ) -> np.ndarray:
-    """For each `gap_seconds` of `thresholds` the number of gesture clips and their total length in seconds.
+    """Count, for each `gap_seconds` of `thresholds`, the gesture clips and sum their length in seconds.
 
     Rests are not counted; the other arguments are those of `cut`. Returns float [shape=(K, 2)]. Rows of many
     recordings add up to the mean length per threshold, by which the paper chose 0.4 seconds (§3.1).
@@ -131,11 +134,12 @@ def threshold_row(
 
 
 def _frames(times: np.ndarray) -> np.ndarray:
-    """The frames in which `times` fall, counted in frames as well."""
+    """Round times, counted in frames, down to the frames in which they fall."""
     return np.floor(times + _FRAME_SLACK).astype(np.int64)
 
 
 def _find_gaps(words: Sequence[tuple[float, float]], n_frames: int, fps: float) -> _Gaps:
+    """Find the gaps between words, in frames."""
     times = np.asarray(words, dtype=np.float64).reshape(-1, 2) * fps
     # As in `transcript.read`: an instant at frame 0 is inside, a word that ends there is not.
     outside = (times[:, 0] > n_frames - _FRAME_SLACK) | ((times[:, 0] < -_FRAME_SLACK) & (times[:, 1] < _FRAME_SLACK))
@@ -146,7 +150,7 @@ def _find_gaps(words: Sequence[tuple[float, float]], n_frames: int, fps: float) 
 
 
 def _cut_at_gaps(gaps: _Gaps, n_frames: int, gap_limit: float, rest_limit: float) -> list[_Piece]:
-    """Rests and, between them, clips, which may still be too short (even empty) or too long."""
+    """Cut at wide gaps into rests and, between them, clips, which may be too short (even empty) or too long."""
     if len(gaps.widths) == 1:
         return [_Piece(0, n_frames, True, float(n_frames))]
     widths, last = gaps.widths, len(gaps.widths) - 1
@@ -170,7 +174,7 @@ def _cut_at_gaps(gaps: _Gaps, n_frames: int, gap_limit: float, rest_limit: float
 
 
 def _give_away_short_rests(pieces: list[_Piece], min_frames: int) -> list[_Piece]:
-    """Every rest that is too short goes to the shorter clip beside it (two rests are never neighbours)."""
+    """Give every rest that is too short to the shorter clip beside it (two rests are never neighbours)."""
     kept: list[_Piece] = []
     for k, piece in enumerate(pieces):
         left = kept[-1] if kept else None
@@ -179,13 +183,13 @@ def _give_away_short_rests(pieces: list[_Piece], min_frames: int) -> list[_Piece
             kept.append(piece)
         elif left is not None and (right is None or left.length <= right.length):
             left.end = piece.end
-        else:
+        elif right is not None:
             right.start = piece.start
     return kept
 
 
 def _lengthen(pieces: list[_Piece], min_frames: int) -> list[_Piece]:
-    """Clips that are too short are joined with a neighbour or grow; all rests are long enough already."""
+    """Join clips that are too short with a neighbour, or let them grow; all rests are long enough already."""
     done: list[_Piece] = []
     waiting = pieces[::-1]
     while waiting:
@@ -198,22 +202,23 @@ def _lengthen(pieces: list[_Piece], min_frames: int) -> list[_Piece]:
         clip_left = left is not None and not left.rest
         clip_right = right is not None and not right.rest
         if clip_left or clip_right:
-            to_left = clip_left and not (clip_right and right.gap < piece.gap - _FRAME_SLACK)
+            nearer = right is not None and clip_right and right.gap < piece.gap - _FRAME_SLACK
+            to_left = clip_left and not nearer
         elif _grow(piece, left, right, min_frames):
             done.append(piece)
             continue
         else:
             to_left = left is not None and (right is None or left.length <= right.length)
-        if to_left:
+        if left is not None and to_left:
             left.end, left.rest = piece.end, False
-        else:
+        elif right is not None:
             # The joined clip waits, since two short clips may still be too short.
             right.start, right.rest, right.gap = piece.start, False, piece.gap
     return done
 
 
 def _grow(piece: _Piece, left: _Piece | None, right: _Piece | None, min_frames: int) -> bool:
-    """Make the piece `min_frames` long by what its rests can spare; False, and no change, if that is too little."""
+    """Extend a piece to `min_frames` by what its rests can spare; False, and no change, if that is too little."""
     missing = min_frames - piece.length
     spare_left = left.length - min_frames if left is not None else 0
     spare_right = right.length - min_frames if right is not None else 0
@@ -234,6 +239,7 @@ def _grow(piece: _Piece, left: _Piece | None, right: _Piece | None, min_frames: 
 def _shorten(
     pieces: list[_Piece], gaps: _Gaps, speeds: np.ndarray | None, min_frames: int, max_frames: int
 ) -> list[Cut]:
+    """Cut clips that are too long, at gaps, else at slow frames, else into equal parts."""
     between_words = np.flatnonzero(gaps.widths > _FRAME_SLACK)
     between_words = between_words[(between_words > 0) & (between_words < len(gaps.widths) - 1)]
     widths, middles = gaps.widths[between_words], gaps.middles[between_words]
@@ -261,7 +267,7 @@ def _shorten(
 
 
 def _best(frames: np.ndarray, costs: np.ndarray, slack: float, twice_middle: int) -> int:
-    """The frame of the lowest cost; of equals the one nearest to the middle, then the first."""
+    """Find the frame of the lowest cost; of equals the one nearest to the middle, then the first."""
     lowest = frames[costs <= costs.min() + slack]
     return int(lowest[np.argmin(np.abs(2 * lowest - twice_middle))])
 
@@ -269,14 +275,15 @@ def _best(frames: np.ndarray, costs: np.ndarray, slack: float, twice_middle: int
 def spoken(
     words: Sequence[Word], onset_times: np.ndarray, voice: np.ndarray | None = None
 ) -> list[tuple[float, float]]:
-    """Words as times; without any, onsets and what is heard of the voice stand in, since a transcript is optional.
+    """Return the times of words; without any, onsets and voice activity stand in, since a transcript is optional.
 
     voice : seconds `[shape=(S, 2)]` in which somebody is heard to speak; each onset within starts a word
     """
     if words:
         return [(word.start, word.end) for word in words]
     onsets = np.asarray(onset_times, dtype=np.float64)
-    found, left = [], np.ones(len(onsets), dtype=bool)
+    found: list[tuple[float, float]] = []
+    left = np.ones(len(onsets), dtype=bool)
     for start, end in [] if voice is None else voice.tolist():
         inside = (onsets >= start) & (onsets < end)
         left &= ~inside

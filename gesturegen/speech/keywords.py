@@ -1,4 +1,4 @@
-"""Keyword frames (§4.1.1): where a run of frames with one same keyword begins."""
+"""Keyword frames (§4.1.1): the beginning of each run of frames with the same keyword."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gesturegen.speech.transcript import Word
 def keyword_frames(
     words: Sequence[Word], keywords: Mapping[str, str], n_frames: int, fps: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """First frames `[shape=(K,)]` and keywords `[shape=(K,)]` of all runs inside a clip of `n_frames`.
+    """Find first frames `[shape=(K,)]` and keywords `[shape=(K,)]` of all runs inside a clip of `n_frames`.
 
     keywords : word -> keyword, so that several spellings can share one. Where words overlap, the later one
     counts, be it a keyword or not.

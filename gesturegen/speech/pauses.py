@@ -1,4 +1,4 @@
-"""Pauses: where neither a word nor an onset is to be heard for a while."""
+"""Pauses: stretches in which neither a word nor an onset nor a voice is heard for a while."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ def speaking_frames(
     words: Sequence[Word], onset_frames: np.ndarray, n_frames: int, fps: float, min_seconds: float,
     voice: np.ndarray | None = None,
 ) -> np.ndarray:  # fmt: skip
-    """bool `[shape=(n_frames,)]`: False in every run of over `min_seconds` that holds no word, no onset and no voice.
+    """Tell which frames lie outside pauses: runs of over `min_seconds` without a word, an onset and voice.
+
+    Returns bool `[shape=(n_frames,)]`.
 
     voice : seconds `[shape=(S, 2)]` in which somebody is heard to speak, whatever the words are; None for none
 
@@ -41,7 +43,7 @@ def speaking_frames(
 
 
 def phrase_ends(words: Sequence[Word], settings: Phrases, voice: np.ndarray | None = None) -> np.ndarray:
-    """Times in seconds, ascending, at which a phrase ends: the end of a word that no other one follows soon.
+    """Find the times in seconds, ascending, of phrase ends: ends of words that no other word follows soon.
 
     A gap of over `min_gap_seconds` ends a phrase, and so does the last word. Words of several speakers may overlap.
     voice : seconds `[shape=(S, 2)]` in which somebody is heard to speak, which stand in for words where there is none

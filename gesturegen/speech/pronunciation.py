@@ -1,4 +1,4 @@
-"""How English words are pronounced that no dictionary has: numbers, names run together, initials, and by rule.
+"""Pronunciations of English words that no dictionary has: numbers, names run together, initials, and by rule.
 
 Phones are those of the CMU Pronouncing Dictionary without stress, such as `HH AH L OW`.
 """
@@ -38,7 +38,7 @@ _LETTERS = dict(
 
 
 def pronounce(word: str, lookup: Lookup) -> tuple[list[str], bool]:
-    """Pronunciations of a word as it is written, and whether a rule had to guess; none for what has no Latin letter.
+    """Pronounce a word as it is written, and tell whether a rule had to guess; empty for a word without Latin letters.
 
     lookup : phones of a word in lower case, or None for one that the dictionary does not have
     """
@@ -55,7 +55,7 @@ def pronounce(word: str, lookup: Lookup) -> tuple[list[str], bool]:
 
 
 def _part(part: str, lookup: Lookup) -> tuple[list[str], bool]:
-    """Pronunciations of a run of letters or digits, or of a sign, and whether a rule guessed."""
+    """Pronounce a run of letters or digits, or a sign, and tell whether a rule guessed."""
     if part in _SIGNS:
         part = _SIGNS[part]
     if part[0].isdigit():
@@ -73,7 +73,7 @@ def _part(part: str, lookup: Lookup) -> tuple[list[str], bool]:
 
 
 def _spoken(number: str) -> list[str]:
-    """A number in words: as a quantity and, of four digits, also as a year."""
+    """Spell a number in words: as a quantity and, of four digits, also as a year."""
     engine = _inflect().engine()
     ordinal = re.sub(r"(st|nd|rd|th|s)$", "", number)
     digits = ordinal.replace(",", "")
@@ -87,17 +87,19 @@ def _spoken(number: str) -> list[str]:
 
 
 def _spelled_out(text: str, lookup: Lookup) -> str:
+    """Look up the phones of all words of a text and join them."""
     return " ".join(found for word in re.findall("[a-z]+", text.lower()) if (found := lookup(word)))
 
 
 def _inflect() -> ModuleType:
+    """Import inflect, or tell how to install it."""
     from gesturegen.extras import need
 
     return need("inflect", "align")
 
 
 def by_rule(word: str) -> str:
-    """Phones of a word in lower case by the commonest sounds of its letters."""
+    """Pronounce a word in lower case by the commonest sounds of its letters."""
     # A silent e at the end lengthens the vowel before the last consonant.
     letters = re.sub("[^a-z]", "", word)
     long = {"a": "EY", "e": "IY", "i": "AY", "o": "OW", "u": "UW"}
@@ -110,6 +112,7 @@ def by_rule(word: str) -> str:
 
 
 def _by_letters(letters: str) -> str:
+    """Convert letters to phones from left to right, each time by the first rule that fits."""
     phones, place = [], 0
     while place < len(letters):
         for pattern, sound in _RULES:

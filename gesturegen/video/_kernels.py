@@ -47,7 +47,7 @@ def draw_capsules(image, segments, radii, colours, box):
 
 @njit(cache=True, nogil=True)
 def to_yuv420(image, planes):
-    """The planes of video of a picture, in whole numbers: BT.601, 16 to 235, one colour for each 2 by 2 pixels.
+    """Convert a picture to planes of video, in whole numbers: BT.601, 16 to 235, one colour for each 2 by 2 pixels.
 
     image : uint8 [shape=(H, W, 3)], H and W even; planes : uint8 [shape=(3 H / 2, W)], written to:
     the brightness, then both colour planes, two of their rows side by side in one

@@ -1,10 +1,11 @@
-"""Pictures and sound to an MP4 file."""
+"""Encoding of pictures and sound as an MP4 file."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from fractions import Fraction
-from typing import BinaryIO
+from types import ModuleType
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -47,23 +48,22 @@ def write_mp4(
             sound = container.add_stream("aac", rate=_AUDIO_RATE, layout="mono", options={"b": "96000"})
             sound.codec_context.thread_count = 1
         planes = np.empty((first.shape[0] * 3 // 2, first.shape[1]), dtype=np.uint8)
-        count = 0
-        for picture in _chain(first, pictures):
+        for count, picture in enumerate(_chain(first, pictures)):
             to_yuv420(picture, planes)
             frame = av.VideoFrame.from_ndarray(planes, format="yuv420p")
             frame.pts, frame.time_base = count, 1 / exact
             container.mux(video.encode(frame))
-            if sound is not None:
+            if sound is not None and samples is not None:
                 # Sound goes in beside its pictures, or a player would have to jump in the file.
                 start, stop = (min(round(k / fps * rate), len(samples)) for k in (count, count + 1))
                 _mux_sound(av, container, sound, samples[start:stop], start, rate)
-            count += 1
         container.mux(video.encode(None))
         if sound is not None:
             container.mux(sound.encode(None))
 
 
-def _mux_sound(av, container, sound, samples: np.ndarray, start: int, rate: int) -> None:
+def _mux_sound(av: ModuleType, container: Any, sound: Any, samples: np.ndarray, start: int, rate: int) -> None:
+    """Encode the samples that belong to one picture."""
     if not len(samples):
         return
     frame = av.AudioFrame.from_ndarray(np.ascontiguousarray(samples[None], dtype=np.float32), "fltp", "mono")
@@ -71,8 +71,8 @@ def _mux_sound(av, container, sound, samples: np.ndarray, start: int, rate: int)
     container.mux(sound.encode(frame))
 
 
-def _codec(av) -> str:
-    """The best video codec that the installed PyAV can write."""
+def _codec(av: ModuleType) -> str:
+    """Name the best video codec that the installed PyAV can write."""
     for name in _CODECS:
         try:
             av.Codec(name, "w")
@@ -83,5 +83,6 @@ def _codec(av) -> str:
 
 
 def _chain(first: np.ndarray, rest: Iterable[np.ndarray]) -> Iterable[np.ndarray]:
+    """Yield one picture, then the others."""
     yield first
     yield from rest

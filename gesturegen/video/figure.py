@@ -1,4 +1,4 @@
-"""What of a motion is drawn: bones with a thickness and a side, facing the viewer, in body heights.
+"""The drawn figure of a motion: bones with a thickness and a side, facing the viewer, in body heights.
 
 Left and right are told apart by the joints' names, the direction a body faces by its hips and shoulders.
 Face helpers (tongue, teeth, eyes, jaw) are left out: at this size they are a smudge.
@@ -44,7 +44,7 @@ class Figure:
 
 
 def make_figure(motion: Motion, root_joint: str) -> Figure:
-    """The figure of a motion; `root_joint` names the pelvis, which the camera follows."""
+    """Make the figure of a motion; `root_joint` names the pelvis, which the camera follows."""
     skeleton = motion.skeleton
     pelvis = skeleton.pelvis(root_joint)
     if not skeleton.children(pelvis):
@@ -67,14 +67,14 @@ def make_figure(motion: Motion, root_joint: str) -> Figure:
 
 
 def _smooth_track(track: np.ndarray, sigma: float) -> np.ndarray:
-    """A track `[shape=(T, 2)]` without its sway; a walk goes on beyond both ends, so that it leads to its ends."""
+    """Remove the sway from a track `[shape=(T, 2)]`; a walk is continued beyond both ends, so that it leads to them."""
     pad = min(int(3 * sigma), len(track) - 1)
     longer = np.pad(track, ((pad, pad), (0, 0)), mode="reflect", reflect_type="odd") if pad else track
     return gaussian_filter1d(longer, sigma, axis=0, mode="nearest")[pad : pad + len(track)]
 
 
 def _hidden(skeleton: Skeleton, joint: int) -> bool:
-    """Whether a joint or one above it is a face helper."""
+    """Tell whether a joint or one above it is a face helper."""
     while joint >= 0:
         if _NOT_DRAWN.search(skeleton.names[joint]):
             return True
@@ -83,7 +83,7 @@ def _hidden(skeleton: Skeleton, joint: int) -> bool:
 
 
 def side_of(name: str) -> int:
-    """The side that a joint's name tells: `b_l_wrist`, `LeftArm`, `UpperArm_L`, `lShldr`."""
+    """Tell the side of a joint by its name: `b_l_wrist`, `LeftArm`, `UpperArm_L`, `lShldr`."""
     left, right = _NAMED_LEFT.search(name), _NAMED_RIGHT.search(name)
     return CENTRE if bool(left) == bool(right) else LEFT if left else RIGHT
 
@@ -91,7 +91,7 @@ def side_of(name: str) -> int:
 def _collect_bones(
     skeleton: Skeleton, drawn: list[int], pelvis: int, rotations: np.ndarray, joints: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points (the pelvis first), bones and sides: joint to parent, and to its End Site where that is one."""
+    """Collect points (the pelvis first), bones and sides: from each joint to its parent, and to its End Site if any."""
     place = {joint: k for k, joint in enumerate(drawn)}
     points = [joints[:, joint] for joint in drawn]
     bones, sides = [], []
@@ -110,7 +110,7 @@ def _collect_bones(
 
 
 def _facing(skeleton: Skeleton, drawn: list[int], joints: np.ndarray) -> float:
-    """The mean heading in radians, from where hips and shoulders leave the trunk; 0 without sides."""
+    """Compute the mean heading in radians, from where hips and shoulders leave the trunk; 0 without sides."""
     groups: dict[int, list[int]] = {LEFT: [], RIGHT: []}
     for joint in drawn[1:]:
         side = side_of(skeleton.names[joint])
@@ -126,7 +126,7 @@ def _facing(skeleton: Skeleton, drawn: list[int], joints: np.ndarray) -> float:
 def _add_head(
     skeleton: Skeleton, drawn: list[int], points: np.ndarray, bones: np.ndarray, radii: np.ndarray, sides: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """A thick bone from the head joint to the crown; none where no joint is called a head."""
+    """Add a thick bone from the head joint to the crown; none where no joint is called a head."""
     heads = [k for k, joint in enumerate(drawn) if _HEAD.search(skeleton.names[joint])]
     if not heads:
         return points, bones, radii, sides

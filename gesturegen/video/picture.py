@@ -1,10 +1,11 @@
-"""One picture per frame: front and side view of every motion, floor grid, title and time code."""
+"""Pictures of a video, one per frame: front and side view of every motion, floor grid, title and time code."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +26,7 @@ _GRID_REACH, _GRID_CENTIMETRES = 1.1, 50.0
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A motion to show: its figure and what to call it."""
+    """A motion to show: its figure and its label."""
 
     label: str
     figure: Figure
@@ -77,7 +78,7 @@ def draw_pictures(
 
 
 def _span(scenes: Sequence[Scene]) -> float:
-    """How wide a view must be for the widest gesture, in body heights; the same for all motions."""
+    """Compute how wide a view must be for the widest gesture, in body heights; the same for all motions."""
     reach = 0.0
     for scene in scenes:
         figure = scene.figure
@@ -88,7 +89,7 @@ def _span(scenes: Sequence[Scene]) -> float:
 
 
 def _arrange(n_scenes: int, width: int, height: int, bar: int, span: float) -> list[list[np.ndarray]]:
-    """Boxes (left, top, right, bottom) by scene and view: all in one row, or side views below, whichever is larger."""
+    """Arrange boxes (left, top, right, bottom) by scene and view: in one row, or side views below if that is larger."""
     room = height - bar
     by_row = _fitting(width / (2 * n_scenes), room, span)
     stacked = _fitting(width / n_scenes, room / 2, span)
@@ -98,7 +99,7 @@ def _arrange(n_scenes: int, width: int, height: int, bar: int, span: float) -> l
         for v in range(2):
             if by_row >= stacked:
                 left, right = (2 * k + v) * width / (2 * n_scenes), (2 * k + v + 1) * width / (2 * n_scenes)
-                top, bottom = bar, height
+                top, bottom = float(bar), float(height)
             else:
                 left, right = k * width / n_scenes, (k + 1) * width / n_scenes
                 top, bottom = bar + v * room / 2, bar + (v + 1) * room / 2
@@ -108,7 +109,7 @@ def _arrange(n_scenes: int, width: int, height: int, bar: int, span: float) -> l
 
 
 def _fitting(width: float, height: float, span: float) -> float:
-    """Pixels per body height with which a figure fits a box."""
+    """Compute the pixels per body height with which a figure fits a box."""
     return min(width / span, height / _FITS_HEIGHT)
 
 
@@ -116,7 +117,7 @@ def _fitting(width: float, height: float, span: float) -> float:
 
 
 def _project(points: np.ndarray, targets: np.ndarray, yaw: float, box: np.ndarray, scale: float) -> np.ndarray:
-    """Pixels and depth `[shape=(..., 3)]` of points `[shape=(..., 3)]`, with the camera turned to `targets`.
+    """Project points `[shape=(..., 3)]` to pixels and depth `[shape=(..., 3)]`, with the camera turned to `targets`.
 
     targets : X and Z `[shape=(..., 2)]`, broadcast over points; depth is 1 at the target, less nearer
     """
@@ -133,6 +134,7 @@ def _project(points: np.ndarray, targets: np.ndarray, yaw: float, box: np.ndarra
 
 
 def _make_panel(scene: Scene, box: np.ndarray, yaw: float, span: float, n_frames: int) -> _Panel:
+    """Project all frames of a motion into one box."""
     figure = scene.figure
     shown = np.minimum(np.arange(n_frames), len(figure.points) - 1)
     scale = _fitting(box[2] - box[0], box[3] - box[1], span)
@@ -157,7 +159,7 @@ def _make_panel(scene: Scene, box: np.ndarray, yaw: float, span: float, n_frames
 
 
 def _floor_lines(targets: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
-    """Squares of 50 cm around what the camera follows: ends `[shape=(T, L, 2, 3)]`, strength `[shape=(T, L)]`.
+    """Make squares of 50 cm on the floor: ends `[shape=(T, L, 2, 3)]`, strength `[shape=(T, L)]`.
 
     Lines fade outwards, so that none appears at once. height : of the body in file units; a file in other
     units than centimetres gets squares of a similar look.
@@ -177,7 +179,7 @@ def _floor_lines(targets: np.ndarray, height: float) -> tuple[np.ndarray, np.nda
 
 
 def _shade(sides: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Colours uint8 `[shape=(T, B, 3)]`: what is further away is paler."""
+    """Compute colours uint8 `[shape=(T, B, 3)]`: bones further away are paler."""
     pale = np.clip((depth - 0.95) / 0.12, 0.0, 1.0)[..., None] * 0.45
     return np.round(_COLOURS[sides] * (1.0 - pale) + _PAPER * pale).astype(np.uint8)
 
@@ -186,7 +188,7 @@ def _shade(sides: np.ndarray, depth: np.ndarray) -> np.ndarray:
 
 
 def _draw_labels(image: np.ndarray, scenes: Sequence[Scene], boxes: list, title: str, bar: int) -> None:
-    """Title, what each motion and view is called, and which colour is which side."""
+    """Draw the title, the names of motions and views, and which colour is which side."""
     _write(image, title, 0.6 * bar, left=bar // 3, top=0.2 * bar, colour=_INK, most=0.55 * image.shape[1])
     for scene, pair in zip(scenes, boxes, strict=True):
         for (view, _), box in zip(_VIEWS, pair, strict=True):
@@ -224,7 +226,7 @@ def _stamp(
 
 
 def _text_mask(text: str, size: int, width: int | None = None) -> np.ndarray:
-    """Coverage of a line of text, uint8 `[shape=(h, w)]`, as high for every text of one size."""
+    """Render the coverage of a line of text, uint8 `[shape=(h, w)]`, as high for every text of one size."""
     font = _font(size)
     width = int(np.ceil(font.getlength(text))) if width is None else width
     picture = need("PIL.Image", "video").new("L", (max(width, 1), sum(font.getmetrics())))
@@ -233,21 +235,24 @@ def _text_mask(text: str, size: int, width: int | None = None) -> np.ndarray:
 
 
 def _clock_mask(text: str, size: int) -> np.ndarray:
-    """Coverage of a text whose digits are all as wide, so that a running number stands still."""
+    """Render the coverage of a text whose digits are all as wide, so that a running number stands still."""
     return np.concatenate([_glyph_mask(character, size) for character in text], axis=1)
 
 
 @lru_cache(maxsize=256)
 def _glyph_mask(character: str, size: int) -> np.ndarray:
+    """Render the coverage of one character; all digits are as wide as the widest."""
     widest = "0123456789" if character.isdigit() else character
     return _text_mask(character, size, max(int(np.ceil(_font(size).getlength(c))) for c in widest))
 
 
 @lru_cache(maxsize=16)
-def _font(size: int):
+def _font(size: int) -> Any:
+    """Load the default font in a size in pixels."""
     return need("PIL.ImageFont", "video").load_default(size)
 
 
 def _clock(seconds: float) -> str:
+    """Format seconds as `mm:ss.cc`."""
     minutes, rest = divmod(round(seconds * 100), 6000)
     return f"{minutes:02d}:{rest // 100:02d}.{rest % 100:02d}"

@@ -24,10 +24,12 @@ from tests.builders import ARM, ARM_ROW, bursts, bvh_text, chain, random_motion
 
 # A keyword list of one word saves reading the one that comes with gesturegen.
 _BRIEF = "keywords.words={hey: hey}"
+# Letters, as far as YAML is concerned, that no terminal shows: for private use, unassigned, turning the line around.
+_NOT_PRINTABLE = ("\ue000", "\ud7fc", "\u202e")
 _YAML_TOKENS = (
     ": ", "\n", "  ", "- ", "[", "]", "{", "}", ", ", "'", '"', "#", "|", ">", "&a ", "*a", "<<: ", "!!int ", "!x ", "---\n",
     "...\n", "? ", "%YAML 1.2\n", "~", "null", "true", "no", "010", "1:30", "2020-13-45", ".inf", "-.nan", "1e999", "0x1F", "9" * 30,
-    "9" * 4301, "\\U00110000", '"\\ud800"', '"\\n"', "\t", "\x00", "\x1b", "\u2028", "\ufeff", "é", "[" * 60, "- " * 60, "=", "1_0",
+    "9" * 4301, "\\U00110000", '"\\ud800"', '"\\n"', "\t", "\x00", "\x1b", "\u2028", "\ufeff", "é", "[" * 60, "- " * 60, "=", "1_0", *_NOT_PRINTABLE,
 )  # fmt: skip
 _CSV_TOKENS = (
     ",",
@@ -46,11 +48,12 @@ _CSV_TOKENS = (
     "1e999",
     "nan",
     "é",
+    *_NOT_PRINTABLE,
 )
 _BVH_TOKENS = (
     "HIERARCHY", "ROOT a", "JOINT b", "End Site", "OFFSET 0 0 0", "CHANNELS 3 Xrotation Yrotation Zrotation", "CHANNELS ²",
     "{", "}", "MOTION", "Frames: 3", "Frames: 99999999", "Frames:", "Frame Time: 0.03", "Frame Time: 1e-9", "\n", "\r", "\t", "1e200",
-    "1e999", "nan", "inf", "1_0", "٣", "-", "<<<<<<<", "\x00", "\x1b", "\u2028", "0 " * 50,
+    "1e999", "nan", "inf", "1_0", "٣", "-", "<<<<<<<", "\x00", "\x1b", "\u2028", "0 " * 50, *_NOT_PRINTABLE,
 )  # fmt: skip
 _TSV_TOKENS = (
     "\t",
@@ -68,6 +71,7 @@ _TSV_TOKENS = (
     "\x1b",
     "0",
     "-1",
+    *_NOT_PRINTABLE,
 )
 
 
@@ -189,7 +193,7 @@ def _samples_hold(path: Path, found: tuple[np.ndarray, int]) -> None:
     assert samples.dtype == np.float32 and samples.ndim == 1 and len(samples)
     assert np.isfinite(samples).all() and low <= rate <= high
     try:
-        with soundfile.SoundFile(path) as file:
+        with compressed.overheard(), soundfile.SoundFile(path) as file:
             # Else the header does not tell how many there are, or only guesses.
             told = 0 < file.frames <= audio.MOST_SECONDS * file.samplerate and file.format not in ("MP3", "MPEG")
             if told and file.frames == len(samples):
@@ -230,14 +234,15 @@ def _sounds(seeds: tuple[bytes, ...], suffix: str) -> Target:
     return Target(seeds, tokens, suffix, audio.read_samples, _samples_hold, binary=True)
 
 
-def _encoded(container: str) -> bytes:
-    """A quarter of a second of AAC, as FFmpeg writes it."""
+def _encoded(container: str, layout: str = "mono") -> bytes:
+    """A quarter of a second of AAC, as FFmpeg writes it; of eight channels PyAV used to read a ninth, and crashed."""
     file = io.BytesIO()
     with av.open(file, "w", format=container) as out:
-        stream = out.add_stream("aac", rate=16000, layout="mono")
-        part = bursts([0.05], 0.256, 16000)[None].astype(np.float32)
-        for start in range(0, part.shape[1], 1024):
-            frame = av.AudioFrame.from_ndarray(np.ascontiguousarray(part[:, start : start + 1024]), "fltp", "mono")
+        stream = out.add_stream("aac", rate=16000, layout=layout)
+        samples = bursts([0.05], 0.256, 16000)[None].astype(np.float32)
+        for start in range(0, samples.shape[1], 1024):
+            part = np.repeat(samples[:, start : start + 1024], stream.layout.nb_channels, axis=1)
+            frame = av.AudioFrame.from_ndarray(part, "flt", layout)
             frame.sample_rate, frame.pts = 16000, start
             out.mux(stream.encode(frame))
         out.mux(stream.encode(None))
@@ -290,7 +295,7 @@ item []:
             mark = "a"
 '''
 _CUE_TOKENS = ("-->", "00:00:01,000", "00:60.000", "1:00:00.5", "\n\n", "\n", "<i>", "<00:00:01.000>", "{\\an8}", "[music]", "&#0;", "&#xD800;",
-               "7", "\x00", "\u2028", "<" * 50, "[" * 50)  # fmt: skip
+               "7", "\x00", "\u2028", "<" * 50, "[" * 50, *_NOT_PRINTABLE)  # fmt: skip
 
 
 TARGETS = {
@@ -346,8 +351,9 @@ TARGETS = {
     "OGG": _sounds((_sound(format="OGG"), _sound(2, format="OGG")), ".ogg"),
     "Opus": _sounds((_sound(format="OGG", subtype="OPUS"), _sound(2, format="OGG", subtype="OPUS")), ".opus"),
     "MP3": _sounds((_sound(format="MP3", subtype="MPEG_LAYER_III"), _sound(2, format="MP3", subtype="MPEG_LAYER_III")), ".mp3"),
-    "M4A": _sounds((_encoded("ipod"),), ".m4a"),
-    "AAC": _sounds((_encoded("adts"),), ".aac"),
+    "M4A": _sounds((_encoded("ipod"), _encoded("ipod", "7.1")), ".m4a"),
+    "AAC": _sounds((_encoded("adts"), _encoded("adts", "7.1")), ".aac"),
+    "WebM": _sounds((_encoded("matroska"),), ".webm"),
     "transcript": _text_target(
         ("0.1\t0.4\thello there\n0.5\t0.9\tone\n1.0\t1.2\t#\n", "0 1 hi\r\n1 2 two words\r\n4.9 9.5 é\r\n"),
         _TSV_TOKENS, ".tsv", _read_words, _words_hold,

@@ -1,3 +1,5 @@
+import os
+import re
 import struct
 import sys
 import warnings
@@ -342,14 +344,14 @@ def test_silence_that_unpacks_without_end_is_refused(tmp_path, monkeypatch):
 # --- compressed files ---------------------------------------------------------------------------------------
 
 
-def encoded(path, samples, rate, codec, container):
-    """A mono sound as FFmpeg writes it."""
+def encoded(path, samples, rate, codec, container, layout="mono"):
+    """A sound as FFmpeg writes it, the same in each channel."""
     av = pytest.importorskip("av")
     with av.open(str(path), "w", format=container) as file:
-        stream = file.add_stream(codec, rate=rate, layout="mono")
+        stream = file.add_stream(codec, rate=rate, layout=layout)
         for start in range(0, len(samples), 1024):
-            part = np.ascontiguousarray(samples[None, start : start + 1024], dtype=np.float32)
-            frame = av.AudioFrame.from_ndarray(part, format="fltp", layout="mono")
+            part = np.repeat(samples[None, start : start + 1024].astype(np.float32), stream.layout.nb_channels, axis=1)
+            frame = av.AudioFrame.from_ndarray(part, format="flt", layout=layout)
             frame.sample_rate, frame.pts = rate, start
             file.mux(stream.encode(frame))
         file.mux(stream.encode(None))
@@ -361,6 +363,8 @@ COMPRESSED = {
     "Opus": lambda path, x: write_audio(path, x, 16000, format="OGG", subtype="OPUS"),
     "M4A": lambda path, x: encoded(path, x, 16000, "aac", "ipod"),
     "AAC": lambda path, x: encoded(path, x, 16000, "aac", "adts"),
+    "AAC of 8 channels": lambda path, x: encoded(path, x, 16000, "aac", "adts", "7.1"),
+    "Matroska": lambda path, x: encoded(path, x, 16000, "aac", "matroska"),
 }
 
 
@@ -380,6 +384,50 @@ def test_a_cut_m4a_is_refused(tmp_path):
     path.write_bytes(path.read_bytes()[:5000])
     with refused(DataError, "damaged or cut off", path):
         audio.read_samples(path)
+
+
+@pytest.mark.parametrize("change", ({"layout": "stereo"}, {"rate": 22050}))
+def test_aac_that_changes_midway_is_refused(tmp_path, change):
+    settings = {"rate": 16000, "codec": "aac", "container": "adts"}
+    parts = [encoded(tmp_path / "part", bursts([0.5], 1.0), **settings | also).read_bytes() for also in ({}, change)]
+    path = tmp_path / "a.aac"
+    path.write_bytes(b"".join(parts))
+    with refused(DataError, r"damaged: the .* changes from \w+ to \w+ at 1\.\d+ s", path):
+        audio.read_samples(path)
+
+
+@pytest.mark.parametrize("container", ("adts", "ipod", "matroska"))
+def test_every_byte_of_a_compressed_file_is_read_once(tmp_path, container):
+    """Whatever was read of it before, to see what it is."""
+    av = pytest.importorskip("av")
+    for seconds in (0.3, 3.0):
+        path = encoded(tmp_path / "a", VOICE[: int(16000 * seconds)], 16000, "aac", container)
+        with av.open(str(path)) as file:
+            expected = np.concatenate([frame.to_ndarray()[0] for frame in file.decode(audio=0)])
+        np.testing.assert_array_equal(audio.read_samples(path)[0], expected)
+
+
+def test_a_cut_mp3_is_refused(tmp_path):
+    """It says how long it is, behind a tag or not."""
+    path = COMPRESSED["MP3"](tmp_path / "a.mp3", bursts(TIMES, 6.0))
+    whole = path.read_bytes()
+    for tag in (b"", b"ID3\4\0\0\0\0\1\0" + bytes(128)):
+        path.write_bytes(tag + whole)
+        assert len(audio.read_samples(path)[0]) == 96000
+        path.write_bytes(tag + whole[: len(whole) * 19 // 20])
+        with refused(DataError, r"cut off or damaged: 5\.\d of 6\.0 s", path):
+            audio.read_samples(path)
+
+
+def test_what_an_mp3_lost_is_noted_and_nothing_else_printed(tmp_path, capfd):
+    path = COMPRESSED["MP3"](tmp_path / "a.mp3", bursts(TIMES, 6.0))
+    whole = path.read_bytes()
+    path.write_bytes(whole[:5000] + whole[5060:])
+    (note,) = audio.read(path).notes
+    assert re.match(r"a\.mp3: damaged in \d+ places? \(the first: [^)]+\); sound is missing there", note)
+    assert capfd.readouterr().err == ""
+    os.write(2, b"heard again")
+    assert capfd.readouterr().err == "heard again"
 
 
 def test_without_pyav_one_line_says_what_to_install(tmp_path, monkeypatch):

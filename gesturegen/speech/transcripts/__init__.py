@@ -1,4 +1,4 @@
-"""Transcripts in whatever form people have them: recognised by ending and content, read strictly, told in one line.
+"""Transcripts in any common form: recognised by ending and content, read strictly, described in one line.
 
 A format is one line in `FORMATS`: its name, the endings of its files, whether a text is of it, and its reader.
 """
@@ -41,7 +41,7 @@ _LFS = "version https://git-lfs"
 def read(
     path: str | Path, duration: float, sound: tuple[np.ndarray, int] | None = None
 ) -> tuple[tuple[Word, ...], list[str]]:
-    """Words of a transcript in order of time, and a line on what was recognised, converted, guessed or odd, if anything.
+    """Read words in order of time, and notes on what was recognised, converted, guessed or odd.
 
     duration : of the recording in seconds
     sound : mono samples and their rate in Hz, with which a text without times is aligned
@@ -56,7 +56,7 @@ def read(
 def read_best(
     paths: Sequence[Path], duration: float, sound: tuple[np.ndarray, int]
 ) -> tuple[tuple[Word, ...], list[str]]:
-    """The words of one of a recording's transcripts, as `read` gives them, and a line on which one and what the others are.
+    """Read the first usable one of a recording's transcripts, and note which it is and what the others are.
 
     paths : in the order of `EXTENSIONS`. The first that holds one is taken, but for one whose words share the times of
     whole segments: then a later one that has the times of words. A text without times is taken where there is nothing else.
@@ -94,7 +94,7 @@ def read_best(
 def _read(
     path: Path, duration: float, sound: tuple[np.ndarray, int] | None
 ) -> tuple[tuple[Word, ...], list[str], bool]:
-    """As `read`, and whether most words share the time of a segment with others."""
+    """Read as `read`, and tell whether most words share the time of a segment with others."""
     text, encoding = _decoded(path, inputs.read_bytes(path, MOST_BYTES))
     source = Source(path, text, duration)
     format_ = _recognised(source) if text.strip() else None
@@ -102,7 +102,7 @@ def _read(
     segments = False
     if format_ is None:
         notes = [_EMPTY]
-    elif format_ is _TEXT:
+    elif format_.read is None:
         words, notes = _aligned(source, sound)
     else:
         found = format_.read(source)
@@ -120,11 +120,12 @@ def _read(
 
 
 def _counted(counts: Mapping[str, int]) -> list[str]:
+    """Format counts, one text for each kind."""
     return [f"{what}: {count}" for what, count in counts.items()]
 
 
 def _read_as(path: Path, format_: Format, details: Sequence[str]) -> list[str]:
-    """What a file was taken for, if it is not our TSV as it should be."""
+    """Describe what a file was taken for, unless it is a TSV of the expected form."""
     own = path.suffix.lower() in format_.extensions
     if path.suffix.lower() == ".tsv" and own and not details:
         return []
@@ -134,7 +135,7 @@ def _read_as(path: Path, format_: Format, details: Sequence[str]) -> list[str]:
 
 
 def align(path: str | Path, samples: np.ndarray, rate: int) -> alignment.Aligned:
-    """The words of a text without times, as written, with the times at which they are said in mono `samples`.
+    """Align the words of a text without times, as written, with mono `samples`.
 
     DataError for a text that has times, or none, and as by `alignment.align`.
     """
@@ -150,7 +151,7 @@ def align(path: str | Path, samples: np.ndarray, rate: int) -> alignment.Aligned
 
 
 def _recognised(source: Source) -> Format:
-    """The format of a text: that of its ending if it looks so, else the first that it looks like."""
+    """Recognise the format of a text: that of its ending if the content fits, else the first that fits."""
     ending = source.path.suffix.lower()
     own = [one for one in FORMATS if ending in one.extensions]
     # A text without times is whatever is nothing else.
@@ -164,7 +165,7 @@ def _recognised(source: Source) -> Format:
 
 
 def _decoded(path: Path, raw: bytes) -> tuple[str, str]:
-    """The text of a file and its encoding; DataError for what is no text."""
+    """Decode a file to text and name its encoding; raises DataError for binary data."""
     encoding = "utf-8-sig"
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
         encoding = "utf-16"
@@ -187,7 +188,7 @@ def _decoded(path: Path, raw: bytes) -> tuple[str, str]:
 
 
 def _aligned(source: Source, sound: tuple[np.ndarray, int] | None) -> tuple[tuple[Word, ...], list[str]]:
-    """A text without times, aligned; without words, and with a note, where that cannot be done here."""
+    """Align a text without times; where that cannot be done here, return no words and a note."""
     written, marks = plain.words(source)
     missing = alignment.missing()
     if sound is None or missing is not None:

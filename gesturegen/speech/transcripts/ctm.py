@@ -1,4 +1,4 @@
-"""NIST's CTM: recording, channel, start, duration and word in each line, as Kaldi and NeMo write."""
+"""NIST's CTM: recording, channel, start, duration and word in each line, as written by Kaldi and NeMo."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _ROW = re.compile(r"\S+\s+\S+\s+[-+0-9.eE]+\s+[-+0-9.eE]+\s+\S+(\s+\S+){0,3}\s*"
 
 
 def is_ctm(text: str) -> bool:
-    """Whether most of the first lines look like CTM, and do not begin with times as tables do."""
+    """Tell whether most of the first lines look like CTM, and do not begin with times as tables do."""
     lines = [line for line in LINE_END.split(text[:5000])[:20] if line.strip() and not line.startswith(";;")]
     rows = [line for line in lines if _ROW.fullmatch(line) and "\t" not in line]
     begins = sum(None not in map(inputs.decimal, line.split()[:2]) and len(line.split()) == 3 for line in lines)
@@ -20,7 +20,7 @@ def is_ctm(text: str) -> bool:
 
 
 def read(source: Source) -> Found:
-    """The words of the recording of the file's name, or of the only one that it has."""
+    """Read the words of the recording that the file is named after, or of the only one in it."""
     rows: list[tuple[str, str, Cell]] = []
     for place, line in source.lines():
         if line.startswith(";;"):
@@ -31,13 +31,8 @@ def read(source: Source) -> Found:
                 f"{len(cells)} columns in {inputs.shown(line.strip()[:40])!r}; expected recording, channel, start, duration, word",
                 place,
             )
-        start, length = inputs.decimal(cells[2]), inputs.decimal(cells[3])
-        for name, value in (("start", start), ("duration", length)):
-            if value is None or abs(value) > LATEST:
-                column = 3 if name == "start" else 4
-                raise source.error(
-                    f"column {column} is {inputs.shown(cells[column - 1][:30])!r}, not a {name} in seconds", place
-                )
+        start = _seconds(source, place, cells, 3, "start")
+        length = _seconds(source, place, cells, 4, "duration")
         rows.append((cells[0], cells[1], Cell(start, start + length, cells[4])))
     names = sorted({name for name, _, _ in rows})
     stem = source.path.stem
@@ -55,3 +50,13 @@ def read(source: Source) -> Found:
     others = len(rows) - len(own)
     kept, dropped = said([cell for _, _, cell in own])
     return Found(kept, (), dropped | ({"words of other recordings, passed over": others} if others else {}))
+
+
+def _seconds(source: Source, place: int, cells: list[str], column: int, name: str) -> float:
+    """Read the number in a column, counted from 1; raises DataError where there is no time in seconds."""
+    value = inputs.decimal(cells[column - 1])
+    if value is None or abs(value) > LATEST:
+        raise source.error(
+            f"column {column} is {inputs.shown(cells[column - 1][:30])!r}, not a {name} in seconds", place
+        )
+    return value

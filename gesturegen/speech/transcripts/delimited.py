@@ -1,4 +1,4 @@
-"""Tables of start, end and text: GENEA's TSV, and what spreadsheets, Audacity, Whisper and Praat make of it.
+"""Tables of start, end and text: GENEA's TSV, and variants of spreadsheets, Audacity, Whisper and Praat.
 
 GENEA's has no header: `start<TAB>end<TAB>text` in seconds. Read as well, and said: a header, columns parted by commas,
 semicolons or spaces, quotes, decimal commas, clock times, milliseconds, and durations in place of ends.
@@ -41,7 +41,7 @@ _OVERLAP_SECONDS, _MOST_OVERLAPS, _MOST_OVERLAPS_WHEN_SURE = 0.02, 0.02, 0.3
 
 @dataclass(frozen=True)
 class _Columns:
-    """Where in a row the columns are."""
+    """The places of the columns in a row, and their units."""
 
     start: int
     end: int
@@ -55,7 +55,7 @@ _PLAIN = _Columns(0, 1, 2, 3)
 
 
 def is_table(text: str) -> bool:
-    """Whether the first lines have times in their first two columns, or a header with a start and a text."""
+    """Tell whether the first lines have times in their first two columns, or a header with a start and a text."""
     lines = [line for line in LINE_END.split(text[:5000]) if line.strip() and not line.startswith("\\")][:20]
     if not lines:
         return False
@@ -69,7 +69,7 @@ def is_table(text: str) -> bool:
 
 
 def read(source: Source) -> Found:
-    """The rows of a table; DataError with the line for anything that is none."""
+    """Read the rows of a table; raises DataError with the line of anything that is no row."""
     lines = source.lines()
     spectral = sum(line.startswith("\\") for _, line in lines)
     lines = [(place, line) for place, line in lines if not line.startswith("\\")]
@@ -85,7 +85,9 @@ def read(source: Source) -> Found:
         rows = rows[1:]
     quoted = sum(line.lstrip().startswith('"') for _, _, line in rows)
     read_as += ["quotes around cells"] if rows and quoted > len(rows) / 2 else []
-    cells, kinds, empty = [], Counter(), 0
+    cells: list[Cell] = []
+    kinds: Counter[str] = Counter()
+    empty, unit = 0, None
     for place, row, line in rows:
         cell = _cell(source, place, row, line, columns, kinds)
         empty += not cell.text.strip() and len(row) < columns.count
@@ -112,7 +114,7 @@ def read(source: Source) -> Found:
 
 
 def _delimiter(lines: list[str]) -> str | None:
-    """What parts the columns of most lines; None for spaces."""
+    """Detect what separates the columns of most lines; None for spaces."""
     if sum("\t" in line for line in lines) > len(lines) / 2:
         return "\t"
     for delimiter in (";", ","):
@@ -124,7 +126,7 @@ def _delimiter(lines: list[str]) -> str | None:
 
 
 def _split(line: str, delimiter: str | None) -> list[str]:
-    """The cells of a line without the quotes around them; empty ones at its end are left out."""
+    """Split a line into cells without the quotes around them; empty ones at its end are left out."""
     if delimiter is None or (delimiter == "\t" and "\t" not in line):
         return line.split(None, 2)
     if delimiter == "\t":
@@ -140,13 +142,14 @@ def _split(line: str, delimiter: str | None) -> list[str]:
 
 
 def _unquoted(cell: str) -> str:
+    """Remove the quotes around a cell."""
     bare = cell.strip()
     whole = len(bare) > 1 and bare[0] == bare[-1] == '"'
     return bare[1:-1].replace('""', '"') if whole else cell
 
 
 def _header(cells: list[str]) -> dict[str, tuple[int, str]]:
-    """The known columns of a header, with their place and unit; empty for a row that is none."""
+    """Find the known columns of a header, with their place and unit; empty for a row that is no header."""
     if any(_time(cell) is not None for cell in cells):
         return {}
     found: dict[str, tuple[int, str]] = {}
@@ -166,7 +169,7 @@ def _header(cells: list[str]) -> dict[str, tuple[int, str]]:
 
 
 def _columns(source: Source, place: int, found: dict[str, tuple[int, str]], names: list[str]) -> tuple[_Columns, str]:
-    """Where the columns are, and the names of those that are not used."""
+    """Choose the columns to read from a header, and name those that are not used."""
     missing = [name for name in ("start", "text") if name not in found]
     missing += ["end"] if not found.keys() & {"end", "duration"} else []
     shown = inputs.shown(", ".join(name.strip() for name in names)[:80])
@@ -188,6 +191,7 @@ def _columns(source: Source, place: int, found: dict[str, tuple[int, str]], name
 
 
 def _cell(source: Source, place: int, row: list[str], line: str, columns: _Columns, kinds: Counter) -> Cell:
+    """Read one row to a cell, and count the kinds of numbers in it."""
     text_last = columns.text == columns.count - 1
     unquoted = text_last and "\t" not in line and '"' not in line
     # Commas of the text; a number among them may be a part of a time, with a comma for a point.
@@ -211,7 +215,7 @@ def _cell(source: Source, place: int, row: list[str], line: str, columns: _Colum
 
 
 def _time(cell: str, kinds: Counter | None = None) -> float | None:
-    """Seconds of a number, with a point or a comma, or of a clock time; None for anything else."""
+    """Parse a number with a point or a comma, or a clock time, to seconds; None for anything else."""
     bare = cell.strip()
     kind = "number"
     time = inputs.decimal(bare)
@@ -227,7 +231,7 @@ def _time(cell: str, kinds: Counter | None = None) -> float | None:
 
 
 def _are_durations(cells: list[Cell], duration: float) -> bool:
-    """Whether ends must be durations: some lie before their starts, and as durations the words fit one after another."""
+    """Tell whether ends must be durations: some lie before their starts, and as durations the words fit in turn."""
     wrong = sum(cell.end < cell.start for cell in cells)
     if wrong < 2 or any(cell.end < 0 for cell in cells):
         return False

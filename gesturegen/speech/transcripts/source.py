@@ -1,4 +1,4 @@
-"""What readers of transcripts are given, and what they give back."""
+"""The types that readers of transcripts take and return, and steps that several readers share."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ _MARK = re.compile(r"<[^<>]*>|\[[^\[\]]*\]|\{[^{}]*\}|♪")
 
 
 class NotATranscript(DataError):
-    """A file of a kind that may hold a transcript but holds something else."""
+    """The error for a file of a kind that may hold a transcript but holds something else."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """A file to be read: its text without a byte order mark, and the seconds that its recording lasts."""
+    """A file to be read: its text without a byte order mark, and the duration of its recording in seconds."""
 
     path: Path
     text: str
     duration: float
 
     def error(self, what: str, line: int | None = None) -> DataError:
-        """The one line that refuses the file, with the line it is about."""
+        """Return the one-line error that refuses the file, with the line at fault."""
         where = inputs.shown(self.path) if line is None else f"{inputs.shown(self.path)}:{line}"
         return DataError(f"{where}: {what}")
 
     def lines(self) -> list[tuple[int, str]]:
-        """Lines that are not blank, with their numbers from 1; DataError for the mark of a merge conflict."""
+        """List lines that are not blank, numbered from 1; raises DataError for the mark of a merge conflict."""
         lines = [(number, line) for number, line in enumerate(LINE_END.split(self.text), 1) if line.strip()]
         for number, line in lines:
             if line.startswith(("<<<<<<<", ">>>>>>>", "=======")):
@@ -54,7 +54,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Found:
-    """What a reader found.
+    """The result of a reader of transcripts.
 
     read_as : what was recognised, converted or guessed, in a few words each
     dropped : how many were passed over, by what they are
@@ -69,7 +69,7 @@ class Found:
 
 @dataclass(frozen=True)
 class Format:
-    """A kind of transcript: its name, endings of its files, whether a text is of it, and how it is read.
+    """A kind of transcript: its name, endings of its files, a test of a text, and its reader.
 
     read : None for a text without times
     certain : whether a file with such an ending is a transcript, whatever it holds
@@ -83,7 +83,7 @@ class Format:
 
 
 def clock_seconds(text: str) -> float | None:
-    """Seconds of `h:mm:ss.mmm` or `mm:ss`, with a point or a comma; None for anything else."""
+    """Parse `h:mm:ss.mmm` or `mm:ss`, with a point or a comma, to seconds; None for anything else."""
     found = _CLOCK.fullmatch(text.strip())
     if not found:
         return None
@@ -92,13 +92,13 @@ def clock_seconds(text: str) -> float | None:
 
 
 def without_marks(text: str) -> tuple[str, int]:
-    """A text without `[marks]`, `<tags>` and silences, and how many there were."""
+    """Remove `[marks]`, `<tags>` and silences from a text, and count them."""
     bare, count = _MARK.subn(" ", text)
     return ("", count + 1) if bare.strip().lower() in _SILENCE else (bare, count)
 
 
 def said(cells: Sequence[Cell]) -> tuple[list[Cell], dict[str, int]]:
-    """Cells without marks such as `[laughter]`, and how many of these there were."""
+    """Drop marks such as `[laughter]` from cells, and count them."""
     kept, marks = [], 0
     for cell in cells:
         text, count = without_marks(cell.text)
@@ -109,7 +109,7 @@ def said(cells: Sequence[Cell]) -> tuple[list[Cell], dict[str, int]]:
 
 
 def in_seconds(cells: list[Cell], duration: float) -> tuple[list[Cell], str | None]:
-    """The cells in seconds, and the unit they were in where it was another one.
+    """Convert cells to seconds, and name their unit where it was another one.
 
     Another unit is taken only where, in seconds, most of the transcript would lie beyond the recording, and in that
     unit little of it does.
@@ -124,7 +124,7 @@ def in_seconds(cells: list[Cell], duration: float) -> tuple[list[Cell], str | No
 
 
 def _outside(cells: Sequence[Cell], factor: float, duration: float) -> float:
-    """The share of cells that start after the recording has ended, or end long after it."""
+    """Compute the share of cells that start after the recording has ended, or end long after it."""
     latest = 2 * duration + 1
     return sum(cell.start * factor >= duration or cell.end * factor > latest for cell in cells) / len(cells)
 
@@ -132,28 +132,30 @@ def _outside(cells: Sequence[Cell], factor: float, duration: float) -> float:
 def with_all_times(
     cells: Sequence[tuple[float | None, float | None, str]], source: Source
 ) -> tuple[list[Cell], dict[str, int]]:
-    """Cells of which some have no times, placed between their neighbours by syllables, and how many they were.
+    """Place cells without times between their neighbours by syllables, and count them.
 
     DataError where none has times.
     """
-    missing = [start is None or end is None for start, end, _ in cells]
-    if not any(missing):
-        return [Cell(*cell) for cell in cells], {}
-    if all(missing):
+    timed = [None if start is None or end is None else Cell(start, end, text) for start, end, text in cells]
+    done = [cell for cell in timed if cell is not None]
+    if len(done) == len(timed):
+        return done, {}
+    if not done:
         raise source.error("no word has a start and an end; transcribe it again with word times")
-    done: list[Cell] = []
+    done = []
     waiting: list[str] = []
-    for (start, end, text), lost in zip(cells, missing, strict=True):
-        if lost:
+    for cell, (_, _, text) in zip(timed, cells, strict=True):
+        if cell is None:
             waiting += tokens(text)
             continue
-        done += [*_between(done, waiting, start), Cell(start, end, text)]
+        done += [*_between(done, waiting, cell.start), cell]
         waiting = []
     done += _between(done, waiting, max(source.duration, done[-1].end))
-    return done, {"words without times, placed between their neighbours": sum(missing)}
+    return done, {"words without times, placed between their neighbours": timed.count(None)}
 
 
 def _between(before: Sequence[Cell], words: Sequence[str], end: float) -> list[Cell]:
+    """Share the time from the end of the last cell to `end` among words, a third of a second a syllable at most."""
     start = min(before[-1].end, end) if before else 0.0
     # At most a third of a second a syllable: a pause is no part of a word.
     longest = sum(map(syllables, words)) / 3
@@ -161,7 +163,7 @@ def _between(before: Sequence[Cell], words: Sequence[str], end: float) -> list[C
 
 
 def number(value: object) -> float | None:
-    """The finite number that a value of JSON or a text is, of a size that times can have; None for anything else."""
+    """Parse a value of JSON or a text to a finite number of a size that times can have; None for anything else."""
     if isinstance(value, str):
         value = inputs.decimal(value)
     if isinstance(value, bool) or not isinstance(value, int | float):

@@ -1,4 +1,4 @@
-"""SubRip (`.srt`) and WebVTT (`.vtt`): cues of several words each, whose times WebVTT may also give word by word."""
+"""SubRip (`.srt`) and WebVTT (`.vtt`): cues of several words each; WebVTT may also time single words."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ _TAG = re.compile(r"</?(?:[a-zA-Z][^<>]{0,200})?>|\{\\[^{}]{0,200}\}")
 
 
 def is_srt(text: str) -> bool:
-    """Whether a text has a line of times as SubRip has, and no heading of WebVTT."""
+    """Tell whether a text has a line of times as SubRip has, and no heading of WebVTT."""
     return not is_vtt(text) and any(_CUE.fullmatch(line) for line in LINE_END.split(text[:20_000]))
 
 
 def is_vtt(text: str) -> bool:
+    """Tell whether a text has the heading of WebVTT."""
     return re.match(r"WEBVTT(\s|$)", text) is not None
 
 
 def read(source: Source) -> Found:
-    """The words of all cues; DataError with the line of times that cannot be read."""
+    """Read the words of all cues; raises DataError with the line of times that cannot be read."""
     source.lines()  # for the marks of merge conflicts
     cells: list[Cell] = []
     cues, timed = 0, _INLINE.search(source.text) is not None
@@ -45,7 +46,10 @@ def read(source: Source) -> Found:
 
 
 def _cues(source: Source) -> list[tuple[float, float, list[str]]]:
-    """Start, end and lines of text of each cue: blocks, parted by blank lines, with a line of times first or second."""
+    """List start, end and lines of text of each cue.
+
+    A cue is a block between blank lines, with a line of times first or second.
+    """
     found = []
     block: list[tuple[int, str]] = []
     for number, line in [*enumerate(LINE_END.split(source.text), 1), (0, "")]:
@@ -59,6 +63,7 @@ def _cues(source: Source) -> list[tuple[float, float, list[str]]]:
 
 
 def _cue(source: Source, block: list[tuple[int, str]]) -> list[tuple[float, float, list[str]]]:
+    """Read one block of lines: a list of one cue, or of none for a comment of WebVTT."""
     for place, (number, line) in enumerate(block[:2]):
         if "-->" not in line:
             continue
@@ -80,15 +85,16 @@ def _cue(source: Source, block: list[tuple[int, str]]) -> list[tuple[float, floa
 
 
 def _timed(start: float, end: float, text: str) -> list[Cell]:
-    """A cell for each stretch between times that stand in the text."""
+    """Split a cue at the times in its text into cells."""
     parts = _INLINE.split(text)
-    times = [start, *(clock_seconds(time) for time in parts[1::2]), end]
+    times = [start]
     # A time that is out of order is that of the word before.
-    for place in range(1, len(times)):
-        times[place] = times[place - 1] if times[place] is None else max(times[place], times[place - 1])
+    for seconds in [*map(clock_seconds, parts[1::2]), end]:
+        times.append(times[-1] if seconds is None else max(seconds, times[-1]))
     cells = zip(times, times[1:], parts[::2], strict=False)
     return [Cell(a, b, _plain(part)) for a, b, part in cells if tokens(_plain(part))]
 
 
 def _plain(text: str) -> str:
+    """Remove tags from a text and resolve character references."""
     return html.unescape(_TAG.sub(" ", text))

@@ -15,11 +15,12 @@ _HEAD = re.compile(r'\s*(?:File type\s*=\s*)?"ooTextFile( short)?"', re.I)
 
 
 def is_textgrid(text: str) -> bool:
+    """Tell whether a text has the heading of a TextGrid."""
     return _HEAD.match(text[:200]) is not None and "TextGrid" in text[:400]
 
 
 def read(source: Source) -> Found:
-    """The intervals of the tier that is called words, or of the only one; DataError for a file that has none."""
+    """Read the intervals of the tier of words, or of the only tier; raises DataError for a file without such a tier."""
     from praatio.utilities import textgrid_io
 
     try:
@@ -44,6 +45,7 @@ def read(source: Source) -> Found:
 
 
 def _tier_of_words(intervals: list[tuple[str, list]], source: Source) -> tuple[str, list]:
+    """Choose the tier of words among the interval tiers; raises DataError where more than one may be meant."""
     named = [tier for tier in intervals if _WORDS.fullmatch(tier[0].strip())]
     other = [tier for tier in intervals if not _PHONES.fullmatch(tier[0].strip())]
     chosen = named or (other if len(other) == 1 else [])

@@ -29,11 +29,12 @@ _WORDS = ("words", "result")
 
 
 def is_json(text: str) -> bool:
+    """Tell whether a text looks like JSON."""
     return re.match(r"\s*(?:\{\s*[\"}]|\[\s*[\[{\]])", text[:2000]) is not None
 
 
 def read(source: Source) -> Found:
-    """The words of all segments, or what segments without words say.
+    """Read the words of all segments, or the texts of segments without words.
 
     DataError for what is no JSON and for words with odd times; NotATranscript for JSON of another kind.
     """
@@ -61,6 +62,8 @@ def read(source: Source) -> Found:
 
 
 def _parse(source: Source) -> Any:
+    """Parse JSON, in which NaN and Infinity are refused; raises DataError for invalid JSON."""
+
     def refuse(constant: str) -> None:
         raise ValueError(f"{constant} is no number")
 
@@ -72,7 +75,7 @@ def _parse(source: Source) -> Any:
 
 
 def _entries(document: Any, source: Source) -> tuple[list, str]:
-    """The list of words or segments, and what to call it."""
+    """Find the list of words or segments, and name it for messages."""
     if isinstance(document, list):
         if all(isinstance(entry, dict) and entry.keys() & {*_TEXT, *_WORDS} for entry in document):
             return document, "words" if document and "word" in document[0] else "segments"
@@ -94,7 +97,7 @@ def _entries(document: Any, source: Source) -> tuple[list, str]:
 
 
 def _cell(entry: Any, where: str, source: Source) -> tuple[float | None, float | None, str]:
-    """Start and end, None where they are missing, and text of a word or a segment."""
+    """Read start and end, None where they are missing, and text of a word or a segment."""
     if not isinstance(entry, dict):
         raise source.error(f"{where}: {_brief(entry)}, expected a word with start and end")
     text = next((entry[key] for key in _TEXT if key in entry), "")
@@ -117,4 +120,5 @@ def _cell(entry: Any, where: str, source: Source) -> tuple[float | None, float |
 
 
 def _brief(value: Any) -> str:
+    """Format a value for an error message, cut to 40 characters."""
     return inputs.shown(str(value)[:40]) or "empty"
