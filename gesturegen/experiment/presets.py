@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from gesturegen import evaluation
-from gesturegen.metrics.measures import VIEWER_BLOCKS, Measure
-from gesturegen.settings.models import Config, Evaluation
+from gesturegen.metrics.measures import VIEWER_BLOCKS, Measure, measures
+from gesturegen.settings.models import Config
 
 PAPER_BLOCK, BEHIND_BLOCK, CAUSES_BLOCK = "Table 2", "what stands behind it", "why rows differ"
 SEAMS_BLOCK, TIME_BLOCK = "seams and objective", "search time, of this machine"
 MACHINE_BLOCK = "time and memory, of this machine"
-# Without the Fréchet distances of windows, which take as long as a search.
-_NO_WINDOWS = Config(evaluation=Evaluation(frechet_windows=()))
 ABLATION_COLUMNS = (
     Measure("syn", "Syn cm/f ↓", PAPER_BLOCK),
     Measure("bc_distance", "BC dist s ↓", PAPER_BLOCK),
@@ -35,7 +32,8 @@ ABLATION_COLUMNS = (
     Measure("pause_share", "pauses from pauses ↑", SEAMS_BLOCK),
     Measure("pause_speed_ratio", "wrists in pauses / reference's", SEAMS_BLOCK),
     Measure("objective", "objective ↓", SEAMS_BLOCK),
-    *(measure for measure in evaluation.measures(_NO_WINDOWS) if measure.block in VIEWER_BLOCKS),
+    # Without the Fréchet distances of windows, which take as long as a search.
+    *(measure for measure in measures(()) if measure.block in VIEWER_BLOCKS),
     Measure("held_share", "held frames", BEHIND_BLOCK),
     Measure("repeated_share", "re-used frames", BEHIND_BLOCK),
     Measure("fallback_keyword", "keyword fallback", BEHIND_BLOCK, "sum"),
@@ -121,7 +119,7 @@ COMPARE = Preset(
     "is that of one clip, without loading and compiling. Memory is the peak of resident memory of a fresh process that "
     "loads a library and searches for the longest clip, at the first seed: the whole process, and what that added to "
     "a process with everything imported, compiled loops included; pages of a mapped library count once looked at.",
-    columns=lambda base: (*evaluation.measures(base), *MACHINE_COLUMNS),
+    columns=lambda base: (*measures(base.evaluation.frechet_windows), *MACHINE_COLUMNS),
     work_folders=True,
     page=True,
 )

@@ -22,7 +22,7 @@ from gesturegen.extras import need
 from gesturegen.frames import ReferenceFrames
 from gesturegen.methods import METHODS, libraries
 from gesturegen.methods.method import Job
-from gesturegen.metrics.measures import Measure
+from gesturegen.metrics.measures import Measure, frechet_measures
 from gesturegen.outcome import Outcome
 from gesturegen.parallel import for_each, one_display
 from gesturegen.pipeline.build_graph import build_libraries
@@ -250,7 +250,7 @@ def _run_all(
 def _make_ruler(base: Config, columns: Sequence[Measure], n_clips: int) -> _Ruler:
     """The base config, without the Fréchet distances of windows, which take as long as a search, unless they are shown."""
     keys = frozenset(column.key for column in columns)
-    if not keys & {measure.key for measure in evaluation.frechet_measures(base)}:
+    if not keys & {measure.key for measure in frechet_measures(base.evaluation.frechet_windows)}:
         base = base.model_copy(update={"evaluation": base.evaluation.model_copy(update={"frechet_windows": ()})})
     return _Ruler(base, keys, n_clips)
 
