@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> Any:
-    """Load what Python programs use when they use it: `import gesturegen` costs nothing."""
+    """Import a public name on first use, so that `import gesturegen` itself stays fast."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from gesturegen import api

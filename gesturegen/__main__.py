@@ -1,4 +1,4 @@
-"""The program's entry point: it loads little before it can be stopped without a traceback."""
+"""The program's entry point, which loads little before signals are handled without a traceback."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gesturegen import supervision
 
 
 def start() -> None:
-    """Run the command line under supervision."""
+    """Run the command line in a supervised child process."""
 
     def run() -> None:
         from gesturegen.cli import main

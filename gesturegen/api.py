@@ -1,4 +1,4 @@
-"""Use gesturegen from Python: the same commands, the same bytes.
+"""The Python interface, whose results are byte for byte those of the commands.
 
     import gesturegen as gg
 
@@ -57,13 +57,13 @@ def read_motion(path: Place, config: str | Place = remembered.RECOMMENDED) -> Mo
     >>> motion.rotations.shape == (motion.n_frames, len(motion.skeleton.names), 4)
     True
     """
-    return space.read(path, load_config(remembered.shipped(config)))
+    return space.read(os.fspath(path), load_config(remembered.shipped(config)))
 
 
 def read_speech(
     audio: Place, transcript: Place | None = None, config: str | Place = remembered.RECOMMENDED
 ) -> clips.Speech:
-    """Read a recording of speech and its transcript: its onsets and words on a grid of frames.
+    """Read a recording of speech and its transcript, as onsets and words on a grid of frames.
 
     - `audio`: the sound file
     - `transcript`: of any kind that the commands read; without it, the sound tells when somebody speaks
@@ -81,13 +81,13 @@ def read_speech(
     True
     """
     settings = load_config(remembered.shipped(config))
-    recording = Recording(Path(audio).stem, None, Path(audio), transcript and Path(transcript))
+    recording = Recording(Path(audio).stem, None, Path(audio), Path(transcript) if transcript else None)
     return clips.prepare(recording, settings, with_motion=False).test_speech(settings)
 
 
 @dataclass(frozen=True, eq=False)
 class Gesture:
-    """A motion that was made for a speech.
+    """A gesture motion generated for a speech recording.
 
     - `name`: of the speech
     - `motion`: in centimetres with y up, as `read_motion` gives it
@@ -105,11 +105,11 @@ class Gesture:
     notes: tuple[str, ...] = ()
 
     def save(self, path: Place) -> None:
-        """Write the motion as BVH, all or nothing: the bytes that `gesturegen reenact` writes."""
+        """Write the motion as BVH, all or nothing, with the bytes that `gesturegen reenact` writes."""
         files.write_bytes(path, lambda file: file.write(self.text))
 
     def export(self, path: Place) -> None:
-        """Write the motion as what the file's name ends in: `.bvh`, `.glb` (extra `gltf`), `.csv` or `.npz`.
+        """Write the motion in the format of the file's ending: `.bvh`, `.glb` (extra `gltf`), `.csv` or `.npz`.
 
         Raises `ConfigError` for any other ending.
         """
@@ -169,7 +169,7 @@ class Gesturer:
         self._files: dict[Path, Path] = {}
 
     def fit(self, recordings: Sequence[Sequence[Place | None]]) -> Gesturer:
-        """Take recordings to make gestures from: `(bvh, wav)` or `(bvh, wav, tsv)` each; all of them serve every speech.
+        """Use recordings as references: `(bvh, wav)` or `(bvh, wav, tsv)` each; all of them serve every speech.
 
         What was guessed or left out is in the notes of each gesture. Returns itself. Raises `DataError`.
         """
@@ -181,7 +181,7 @@ class Gesturer:
         return self
 
     def gesture(self, audio: Place, transcript: Place | None = None) -> Gesture:
-        """Make the gestures for a speech, of `round(seconds * fps)` frames. Raises `DataError`."""
+        """Generate gestures for a speech recording, `round(seconds * fps)` frames. Raises `DataError`."""
         if not self._fitted:
             raise DataError("there are no recordings to gesture from; call `fit` first")
         self._place("speeches", [(audio, transcript)])
@@ -205,13 +205,13 @@ class Gesturer:
         return Gesture(name, motion, trace, path.read_bytes(), pelvis, tuple(notes))
 
     def _as_given(self, text: str) -> str:
-        """A message with the names of the files that were given, in place of ours."""
+        """Replace the paths of temporary links in a message by the names of the files that the user gave."""
         for place, file in self._files.items():
             text = text.replace(str(place), str(file))
         return text
 
     def _place(self, folder: str, recordings: Sequence[Sequence[Place | None]]) -> None:
-        """Put files beside each other under one name, as a folder of a dataset has them."""
+        """Link the files of each recording into a folder under one name, as a dataset folder has them."""
         target = self._folder / folder
         self._files = {place: file for place, file in self._files.items() if place.parent != target}
         for old in sorted(target.iterdir()):
@@ -238,7 +238,7 @@ def measure(
     motion: Motion | Place, audio: Place, truth: Motion | Place | None = None,
     config: str | Place = remembered.RECOMMENDED,
 ) -> dict[str, float | None]:  # fmt: skip
-    """Measure a motion with its speech, of any system, as `gesturegen evaluate --bvh` does.
+    """Measure the motion of any system against its speech, as `gesturegen evaluate --bvh` does.
 
     - `motion`, `truth`: motions or BVH files; `truth` is the true motion of that speech
     - `audio`: the sound file

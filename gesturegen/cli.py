@@ -1,10 +1,11 @@
-"""The command line: parse, load the config, call one `pipeline` function, print what it says."""
+"""The commands: each parses options, loads the config, calls one `pipeline` function and prints its summary."""
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -104,7 +105,7 @@ def demo_data(folder: Path, references: int, tests: int, seed: int, challenge: b
     )
 
 
-def _moved_to_doctor(_context, _parameter, asked: bool) -> None:
+def _moved_to_doctor(_context: click.Context, _parameter: click.Parameter, asked: bool) -> None:
     if asked:
         raise click.UsageError(
             "--suggest-blacklist is now `gesturegen doctor DATA --blacklist FILE`, which looks at more"
@@ -119,7 +120,7 @@ def _moved_to_doctor(_context, _parameter, asked: bool) -> None:
 def doctor(
     config: Config, jobs: int, quiet: bool, folder: Path | None, blacklist: Path | None, out: Path | None
 ) -> None:
-    """Look through a data set: what is broken, odd or out of step, and what each method could do with it.
+    """Check a data set for what is broken, odd or out of step, and say what each method could do with it.
 
     Measures every recording (units, frame rates, still or torn takes, silent or clipped audio, transcripts that do not
     fit the sound, sound and motion that are apart), prints a table and writes a page. The data are only read.
@@ -199,7 +200,7 @@ def reenact(config: Config, jobs: int, quiet: bool, variants: int) -> None:
 @common
 @force_option
 def train_refiner(config: Config, jobs: int, quiet: bool) -> None:
-    """Train the network that refines what k-NN motion matching shows (needs the extra `torch`).
+    """Train the network that refines the output of k-NN motion matching (needs the extra `torch`).
 
     It learns from the references of the test clips and is kept in WORK/refiner.pt. Training that was interrupted goes on
     where it stopped; refine=true then uses the network in `reenact`.
@@ -245,11 +246,11 @@ def evaluate(
 @common
 @force_option
 def run(config: Config, jobs: int, quiet: bool) -> None:
-    """All stages in order: preprocess, build-graph, reenact, evaluate, pack.
+    """Run all stages in order: preprocess, build-graph, reenact, evaluate, pack.
 
     Does only what is not yet done or has changed, so an interrupted run goes on where it stopped.
 
-    
+    \b
     Example:
       gesturegen run --config configs/casia_go_2023.yaml --data genea --work out
     """
@@ -267,7 +268,7 @@ def run(config: Config, jobs: int, quiet: bool) -> None:
 def pack(config: Config, jobs: int, quiet: bool) -> None:
     """Check the reenacted clips and write WORK/submission/ and WORK/submission.zip.
 
-    
+    \b
     Example:
       gesturegen pack --data genea --work out
     """
@@ -279,9 +280,9 @@ def pack(config: Config, jobs: int, quiet: bool) -> None:
 @common
 @click.option("--strict", is_flag=True, help="Stretches of over 1 s without motion are errors, not warnings.")
 def check(config: Config, jobs: int, quiet: bool, folder: Path | None, strict: bool) -> None:
-    """Say of a folder of BVH files whether the challenge would accept it; without FOLDER, of WORK/reenact.
+    """Check whether the challenge would accept a folder of BVH files; without FOLDER, WORK/reenact.
 
-    
+    \b
     Examples:
       gesturegen check --data genea --work out
       gesturegen check their/bvh --data genea --strict
@@ -336,8 +337,10 @@ def compare(config: Plan, jobs: int, quiet: bool, out: Path | None) -> None:
     run_and_print(quiet, lambda pipeline: pipeline.compare(config, jobs, quiet, out), work_folder(config))
 
 
-def _read_compared(_context, parameter, values: tuple[str, ...]) -> list[tuple[str, Path]]:
-    """Pairs of a label and a folder; a usage error for anything else."""
+def _read_compared(
+    _context: click.Context, parameter: click.Parameter, values: tuple[str, ...]
+) -> list[tuple[str, Path]]:
+    """Parse pairs of a label and a folder; raise a usage error for anything else."""
     pairs = []
     for value in values:
         label, sign, work = value.partition("=")
@@ -369,7 +372,7 @@ def report(config: Config, jobs: int, quiet: bool, compare: list[tuple[str, Path
     )
 
 
-def _read_size(_context, _parameter, value: str) -> tuple[int, int]:
+def _read_size(_context: click.Context, _parameter: click.Parameter, value: str) -> tuple[int, int]:
     width, sign, height = value.partition("x")
     if not (sign and width.isdecimal() and height.isdecimal()):
         raise click.BadParameter(f"{value!r} is not WIDTHxHEIGHT, such as 1280x720")
@@ -414,7 +417,7 @@ def render(
 @click.argument("target", metavar="PATH")
 @click.option("--plot", type=FILE, metavar="FILE.png", help="Also draw it: edges and degrees, or pieces and joins.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def inspect(config: Config, jobs: int, quiet: bool, target: str, plot: Path | None, as_json: bool) -> None:
+def inspect(config: Config, quiet: bool, target: str, plot: Path | None, as_json: bool, **_jobs: int) -> None:
     """Print the figures of a graph or gesture database, every piece of a trace in one line, or the roles of joints.
 
     PATH is a graph or a database (.npz), a trace (.trace.json), the name of a clip in WORK, or a BVH file, of which its
@@ -457,8 +460,8 @@ def export(
     )
 
 
-def _of_recordings(command):
-    """The arguments of commands that write transcripts of recordings, whatever their dataset."""
+def _of_recordings(command: Callable[..., None]) -> Callable[..., None]:
+    """Add the arguments of commands that write transcripts of recordings, whatever their dataset."""
 
     @click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="PATH...")
     @click.option("--output", type=FOLDER, metavar="DIR", help="Where to write, instead of beside what is read.")
@@ -467,8 +470,8 @@ def _of_recordings(command):
     @wait_option
     @quiet_option
     @functools.wraps(command)
-    def with_options(**options):
-        return command(**options)
+    def with_options(**options: Any) -> None:
+        command(**options)
 
     return with_options
 

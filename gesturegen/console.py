@@ -1,4 +1,4 @@
-"""What all commands of the command line share: options, one-line errors, the lock, how a result is told."""
+"""Options, one-line errors, the folder lock and the printing of results, which all commands share."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import warnings
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from types import ModuleType, TracebackType
+from typing import TYPE_CHECKING, Any, Self
 
 import click
 
@@ -56,12 +56,13 @@ _LOST = {getattr(errno, name) for name in ("ENOSPC", "EIO", "EFBIG", "EDQUOT") i
 
 
 class Program(click.Group):
-    """The whole command line. Called as a function, as by a shell, it runs under supervision."""
+    """The command group, which runs under supervision when it is called as a function, as by a shell."""
 
     def __call__(self, *args: Any, **options: Any) -> None:
         supervision.supervise(lambda: self.main(*args, **options))
 
     def main(self, *args: Any, **options: Any) -> Any:
+        """Run the command line; standard output that cannot be written is an error of one line."""
         try:
             return super().main(*args, **options)
         except OSError as error:
@@ -79,6 +80,7 @@ def _say_last(line: str) -> None:
 
 
 def jobs_option(command: Callable) -> Callable:
+    """Add the option `--jobs`."""
     return click.option(
         "-j", "--jobs", type=click.IntRange(min=1), default=default_jobs, show_default="all processors",
         help="Worker processes; the results are the same for any number.",
@@ -86,11 +88,12 @@ def jobs_option(command: Callable) -> Callable:
 
 
 def quiet_option(command: Callable) -> Callable:
+    """Add the option `--quiet`."""
     return click.option("--quiet", is_flag=True, help="Print errors only.")(command)
 
 
 def wait_option(command: Callable) -> Callable:
-    """Kept in the context, where `run_and_print` finds it: no command needs to know of it."""
+    """Add the option `--wait`, which is kept in the context, where `run_and_print` finds it."""
     return click.option(
         "--wait", is_flag=True, expose_value=False, callback=lambda context, _, value: context.meta.update(wait=value),
         help="Wait for a command that is writing into the same folder.",
@@ -98,7 +101,7 @@ def wait_option(command: Callable) -> Callable:
 
 
 def force_option(command: Callable) -> Callable:
-    """Kept in the context, where `run_and_print` finds it, with the settings that the work folder is to remember."""
+    """Add the option `--force`, which is kept in the context with the settings to be remembered."""
     return click.option(
         "--force", is_flag=True, expose_value=False,
         callback=lambda context, _, value: context.meta.update(remember=True, force=value),
@@ -107,7 +110,7 @@ def force_option(command: Callable) -> Callable:
 
 
 def common(command: Callable, load: Callable | None = None) -> Callable:
-    """The options of every command that works on a dataset; it is called with `config`, `jobs` and `quiet`.
+    """Add the options of every command that works on a dataset; it is called with `config`, `jobs` and `quiet`.
 
     load : what reads a plan for `config`, given its file, the overrides and the folders; without it, settings are read
     """
@@ -132,7 +135,10 @@ def common(command: Callable, load: Callable | None = None) -> Callable:
     @wait_option
     @quiet_option
     @functools.wraps(command)
-    def with_config(config_path, overrides, data, work, references, tests, **options):
+    def with_config(
+        config_path: Path | None, overrides: tuple[str, ...], data: Path | None, work: Path | None,
+        references: Path | None, tests: Path | None, **options: Any,
+    ) -> None:  # fmt: skip
         from gesturegen import remembered
 
         folders = {"paths.data": data, "paths.work": work, "data.references": references, "data.tests": tests}
@@ -149,21 +155,22 @@ def common(command: Callable, load: Callable | None = None) -> Callable:
         meta["work"] = work_folder(config)[0]
         if meta.get("remember"):
             meta["settings"] = config
-        return command(config=config, **options)
+        command(config=config, **options)
 
     return with_config
 
 
 class one_line_errors:
-    """Turns our errors into one line and exit code 1, at the boundary only; bugs keep their traceback."""
+    """Context manager that turns expected errors into one line and exit code 1; bugs keep their traceback."""
 
-    def __enter__(self):
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind, error, _traceback):
+    def __exit__(
+        self, _kind: type[BaseException] | None, error: BaseException | None, _traceback: TracebackType | None
+    ) -> None:
         if isinstance(error, GesturegenError):
             raise click.ClickException(str(error)) from None
-        return False
 
 
 def run_and_print(
@@ -181,7 +188,7 @@ def run_and_print(
         warnings.simplefilter("ignore")
         os.environ["PYTHONWARNINGS"] = "ignore"
     context = click.get_current_context()
-    say = (lambda line: None) if quiet else (lambda line: click.echo(line, err=True))
+    say = (lambda _line: None) if quiet else (lambda line: click.echo(line, err=True))
     with one_line_errors(), locks.locked(writes, _command_line(context), context.meta.get("wait", False), say):
         from gesturegen import pipeline
 
@@ -206,8 +213,8 @@ def run_and_print(
     if outcome.failed:
         click.echo(f"error: {outcome.failed} of {outcome.failed + len(outcome.done)} failed", err=True)
         sys.exit(1)
-    if not quiet and not context.params.get("as_json") and (hint := _NEXT.get(context.info_name or "")):
-        click.echo("next: " + hint.format(work=shlex.quote(str(_work_of(context)))), err=True)
+    if not quiet and not context.params.get("as_json") and (following := _NEXT.get(context.info_name or "")):
+        click.echo("next: " + following.format(work=shlex.quote(str(_work_of(context)))), err=True)
 
 
 def _work_of(context: click.Context) -> Path:
@@ -215,7 +222,7 @@ def _work_of(context: click.Context) -> Path:
 
 
 def _remembering(context: click.Context, say: Callable[[str], None]) -> AbstractContextManager[None]:
-    """What makes the work folder remember the settings of a command that makes motion, as far as it does."""
+    """Return a context that keeps the settings of a command that makes motion in its work folder."""
     if "settings" not in context.meta:
         return nullcontext()
     from gesturegen import remembered
@@ -224,11 +231,12 @@ def _remembering(context: click.Context, say: Callable[[str], None]) -> Abstract
 
 
 def _command_line(context: click.Context) -> str:
-    """What was typed, for others who find the folder locked."""
+    """Return the command as it was typed, to be shown to others who find the folder locked."""
     typed = sys.argv[1:] if supervision.is_watched() else [context.info_name or ""]
     return shlex.join(["gesturegen", *typed])
 
 
 def work_folder(config: Config | Plan) -> list[Path]:
-    """The folder that most commands write into."""
-    return [Path(getattr(config, "base", config).paths.work)]
+    """Return the folder that most commands write into, as a list of one."""
+    base: Any = getattr(config, "base", config)
+    return [Path(base.paths.work)]

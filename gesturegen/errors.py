@@ -1,8 +1,8 @@
-"""Errors that are the user's to mend: one line each, shown without a traceback."""
+"""Errors that the user can fix: one line each, shown without a traceback."""
 
 
 class GesturegenError(Exception):
-    """Says what was found, where, and what to do, in one line for each mistake.
+    """Error that says what was found, where, and what to do, in one line for each mistake.
 
     Whatever it quotes of a file, each character is shown as one that can be printed.
     """
@@ -19,16 +19,16 @@ def printable(text: str) -> str:
 
 
 class DataError(GesturegenError):
-    """A recording, transcript, graph or folder that cannot be used."""
+    """Error about a recording, transcript, graph or folder that cannot be used."""
 
 
 class ConfigError(GesturegenError):
-    """A config file or `--set` value that is not allowed."""
+    """Error about a config file or `--set` value that is not allowed."""
 
 
 class SearchError(GesturegenError):
-    """A test speech for which the search found no path."""
+    """Error about a test speech for which the search found no path."""
 
 
 class DamagedError(DataError):
-    """A stored file that is not as it was written; `run` makes it again."""
+    """Error about a stored file that is not as it was written; `run` makes it again."""

@@ -1,4 +1,4 @@
-"""Packages that only some commands need: imported when used, and what to install when one is missing."""
+"""Optional packages, imported only when a command needs them; the error for a missing one says what to install."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gesturegen.errors import DataError
 
 
 def need(module: str, extra: str) -> ModuleType:
-    """The module `module`, which the extra `extra` of gesturegen installs; DataError when it is not there."""
+    """Import the module `module`, which the extra `extra` of gesturegen installs; DataError when it is missing."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

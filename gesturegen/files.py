@@ -1,4 +1,4 @@
-"""Writing files all or nothing: a reader never sees half a file, a crash leaves the old one."""
+"""Atomic writing of files: a reader never sees half a file, and a crash leaves the old one."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _TEMPORARY = ".gesturegen-", ".part"
 
 
 def is_temporary(path: Path) -> bool:
-    """Whether a file is one of those that a killed command left half-written."""
+    """Tell whether a file is a temporary one that a killed command left half-written."""
     return path.name.startswith(_TEMPORARY[0]) and path.name.endswith(_TEMPORARY[1])
 
 
-def write_bytes(path: str | Path, fill: Callable[[BinaryIO], Any]) -> None:
+def write_bytes(path: str | os.PathLike[str], fill: Callable[[BinaryIO], Any]) -> None:
     """Let `fill` write to a temporary file beside `path`, then move it into place.
 
     The file is on the disk before it has its name, so that not even a power cut leaves half of it.
@@ -45,7 +45,7 @@ def write_bytes(path: str | Path, fill: Callable[[BinaryIO], Any]) -> None:
             file.flush()
             temporary.chmod(0o666 & ~_umask())
             os.fsync(file.fileno())
-        os.replace(temporary, path)
+        temporary.replace(path)
         _sync_folder(path.parent)
     except OSError as error:
         _remove(temporary)
@@ -58,7 +58,7 @@ def write_bytes(path: str | Path, fill: Callable[[BinaryIO], Any]) -> None:
 
 
 def require_writable(folder: str | Path) -> None:
-    """DataError when `folder` cannot be written: before the work starts, not after."""
+    """Raise DataError when `folder` cannot be written, before the work starts instead of after it."""
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)
         with _new_temporary(Path(folder), delete=True):
@@ -74,7 +74,7 @@ def _new_temporary(folder: Path, delete: bool = False) -> Any:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Have the names in a folder written to the disk; not every file system can."""
+    """Flush the names in a folder to the disk; not every file system can do so."""
     with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -87,25 +87,26 @@ def copy(source: str | Path, target: str | Path) -> None:
     """Write a copy of a file, all or nothing."""
 
     def fill(file: BinaryIO) -> None:
-        with open(source, "rb") as whole:
+        with Path(source).open("rb") as whole:
             shutil.copyfileobj(whole, file)
 
     write_bytes(target, fill)
 
 
 def write_text(path: str | Path, text: str) -> str:
-    """The hash of the file, in hexadecimal: that of what was written, whatever is there later."""
+    """Write a text file and return the SHA-256 of what was written, in hexadecimal."""
     data = text.encode()
     write_bytes(path, lambda file: file.write(data))
     return hashlib.sha256(data).hexdigest()
 
 
 def write_json(path: str | Path, value: Any) -> None:
+    """Write a value as indented JSON, all or nothing."""
     write_text(path, json.dumps(value, indent=1, ensure_ascii=False) + "\n")
 
 
 def read_json(path: str | Path) -> Any:
-    """Raises DataError for a file that is missing or is not JSON."""
+    """Read a JSON file; DataError for one that is missing or is not JSON."""
     try:
         return json.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
@@ -115,14 +116,15 @@ def read_json(path: str | Path) -> Any:
 
 
 def write_arrays(path: str | Path, arrays: dict[str, np.ndarray]) -> None:
-    """An uncompressed `.npz`: the same arrays give the same bytes."""
-    write_bytes(path, lambda file: np.savez(file, **arrays))
+    """Write an uncompressed `.npz`: the same arrays give the same bytes."""
+    named: dict[str, Any] = dict(arrays)  # else taken for the options of savez
+    write_bytes(path, lambda file: np.savez(file, **named))
 
 
 def read_arrays(path: str | Path, only: Collection[str] | None = None) -> dict[str, np.ndarray]:
-    """The arrays of an `.npz`, or those named in `only` that it has; DataError for a missing or damaged file."""
+    """Read all arrays of an `.npz`, or those named in `only` that it has; DataError if it is missing or damaged."""
     try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as stored:
+        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return {name: stored[name] for name in stored.files if only is None or name in only}
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror or error})") from None
@@ -134,14 +136,14 @@ def read_arrays(path: str | Path, only: Collection[str] | None = None) -> dict[s
 def map_arrays(
     path: str | Path, at_least_bytes: float = 1_000_000, only: Collection[str] | None = None
 ) -> dict[str, np.ndarray]:
-    """The arrays of an `.npz` that `write_arrays` wrote, or those named in `only` that it has.
+    """Map into memory the arrays of an `.npz` that `write_arrays` wrote, or those named in `only` that it has.
 
     Large ones stay on disk until they are looked at: they are read-only maps of the file, and need not be aligned.
     DataError for a missing or damaged file, and for one that is compressed.
     """
     arrays = {}
     try:
-        with open(path, "rb") as file, zipfile.ZipFile(file) as stored:
+        with Path(path).open("rb") as file, zipfile.ZipFile(file) as stored:
             for member in stored.infolist():
                 name = member.filename.removesuffix(".npy")
                 if only is not None and name not in only:
@@ -164,7 +166,7 @@ def map_arrays(
 
 
 def _header(file: BinaryIO, member: zipfile.ZipInfo) -> tuple[tuple[int, ...], bool, np.dtype, int]:
-    """Shape, order, dtype and place of one array of a `.npz`, which must be as long as they say.
+    """Read shape, order, dtype and place of one array of an `.npz`, which must be as long as they say.
 
     What a header announces is compared with the length of the file before anything is allocated for it.
     """
@@ -188,7 +190,7 @@ def _header(file: BinaryIO, member: zipfile.ZipInfo) -> tuple[tuple[int, ...], b
 
 
 def sha256(path: str | Path) -> str:
-    """The hash of a file's bytes, in hexadecimal; DataError when it cannot be read."""
+    """Hash the bytes of a file with SHA-256, in hexadecimal; DataError when it cannot be read."""
     try:
         with inputs.open_regular(path, hint="run the command that writes it") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,4 +1,4 @@
-"""The frames of the reference clips as nodes: what every method chooses from, whatever it links them by."""
+"""The frames of the reference clips as nodes, among which every method chooses."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from gesturegen.stored.sealing import damaged
 
 @dataclass(frozen=True, eq=False)
 class ReferenceFrames:
-    """Nodes are the frames of the reference clips, one clip after the other.
+    """The frames of the reference clips as nodes, one clip after the other.
 
     positions : float32 [shape=(N, J, 3)], as used for distances; joint_names : the J joints
     clip_names : the C reference clips; clip_starts : int [shape=(C,)], their first nodes
@@ -49,39 +49,40 @@ class ReferenceFrames:
     # Whether large arrays stay maps of the stored file.
     mapped = True
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for own in fields(self):
             if own.type == "np.ndarray":
                 object.__setattr__(self, own.name, read_only(getattr(self, own.name)))
 
     @property
     def n_nodes(self) -> int:
+        """Count the nodes."""
         return len(self.positions)
 
     @property
     def n_unnatural_edges(self) -> float:
-        """Edges that leave the order of the recordings; none where any frame may follow any other."""
+        """Count the edges that leave the order of the recordings; 0 for a method without edges."""
         return 0
 
     @property
     def clips(self) -> tuple[tuple[str, bool], ...]:
-        """Each clip's recording, and whether it is a mirrored copy of it."""
+        """List each clip's recording, and whether the clip is a mirrored copy of it."""
         return tuple((name, False) for name in self.clip_names)
 
     @cached_property
     def segment_ends(self) -> np.ndarray:
-        """Last nodes `[shape=(S,)]` of the segments."""
+        """Return the last nodes `[shape=(S,)]` of the segments."""
         return pose_distance.segment_ends(self.segment_starts, self.n_nodes)
 
     @cached_property
     def successors(self) -> np.ndarray:
-        """The natural successor of each node `[shape=(N,)]`; a segment's last node is its own."""
+        """Return the natural successor of each node `[shape=(N,)]`; the last node of a segment succeeds itself."""
         after = np.arange(1, self.n_nodes + 1)
         after[self.segment_ends] = self.segment_ends
         return after
 
     def stop_nodes(self, keyword: str | None) -> np.ndarray:
-        """bool `[shape=(N,)]`: nodes at which a piece may end (§4.2.2).
+        """Mark the nodes at which a piece may end (§4.2.2), bool `[shape=(N,)]`.
 
         Nodes of exactly `keyword`; without one, onset nodes and the last nodes of segments.
         """
@@ -95,14 +96,14 @@ class ReferenceFrames:
 
     @cached_property
     def any_stop(self) -> np.ndarray:
-        """bool `[shape=(N,)]`: key nodes of any kind."""
+        """Mark the key nodes of any kind, bool `[shape=(N,)]`."""
         stops = np.zeros(self.n_nodes, dtype=bool)
         stops[self.key_nodes.frames] = True
         stops[self.segment_ends] = True
         return read_only(stops)
 
-    def distances(self, lefts, rights, settings: Continuity) -> np.ndarray:
-        """Pose distances `[shape=(K,)]` of pairs of nodes; only their frames are looked at."""
+    def distances(self, lefts: np.ndarray, rights: np.ndarray, settings: Continuity) -> np.ndarray:
+        """Compute the pose distances `[shape=(K,)]` of pairs of nodes, reading only their frames."""
         lefts, rights = np.asarray(lefts, dtype=np.int64), np.asarray(rights, dtype=np.int64)
         nodes = np.concatenate([lefts, rights])
         # As `pose_distance.velocities`: a segment's first frame copies the second's, a lone frame has none.
@@ -117,7 +118,7 @@ class ReferenceFrames:
 
 @dataclass(frozen=True, eq=False)
 class ExtendedFrames(ReferenceFrames):
-    """Frames of a library of any kind with those of further clips after them.
+    """The frames of a library of any method, followed by those of further clips.
 
     mirrored : bool [shape=(C,)], which clips are mirrored copies
     """
@@ -126,7 +127,7 @@ class ExtendedFrames(ReferenceFrames):
 
     @property
     def n_unnatural_edges(self) -> float:
-        """They are the library's, and not known here."""
+        """Return NaN, since the edges are the library's and not known here."""
         return float("nan")
 
     @property
@@ -135,12 +136,12 @@ class ExtendedFrames(ReferenceFrames):
 
 
 def require_one_skeleton(references: Sequence[Reference], config: Config) -> Skeleton:
-    """The skeleton of all references, as by `one_skeleton`."""
+    """Return the skeleton that all references share, as by `one_skeleton`."""
     return one_skeleton([(reference.name, reference.motion.skeleton) for reference in references], config)
 
 
 def one_skeleton(named: Sequence[tuple[str, Skeleton]], config: Config) -> Skeleton:
-    """The skeleton of the first of all clips, given by name; DataError when they are not of one performer.
+    """Return the first clip's skeleton; DataError when the clips, by name, are not of one performer.
 
     OFFSETs may differ as those of one performer's recordings do that were calibrated on different days.
     """
@@ -156,13 +157,13 @@ def one_skeleton(named: Sequence[tuple[str, Skeleton]], config: Config) -> Skele
 
 
 def offset_tolerance(skeleton: Skeleton, config: Config) -> float:
-    """By how much the OFFSETs of one performer's recordings may differ, in cm (`motion.same_skeleton`)."""
+    """Return by how much the OFFSETs of one performer's recordings may differ, in cm (`motion.same_skeleton`)."""
     height = roles.body_height(skeleton, roles_of(skeleton, config))
     return max(config.motion.same_skeleton * height, 1e-4)
 
 
 def positions_of(motion: Motion, config: Config) -> np.ndarray:
-    """Positions as used for distances: float32 `[shape=(T, J, 3)]`, seen from the pelvis as the config says."""
+    """Compute positions as used for distances, float32 `[shape=(T, J, 3)]`, seen from the pelvis as configured."""
     joints, _ = select_joints(motion.skeleton, config)
     pelvis = motion.skeleton.pelvis(settings_for(motion.skeleton, config).positions.root_joint)
     found = kinematics.relative_positions(motion, joints, pelvis, config.positions.relative_to)
@@ -170,7 +171,7 @@ def positions_of(motion: Motion, config: Config) -> np.ndarray:
 
 
 def describe(reference: Reference, config: Config) -> dict:
-    """The fields of `ReferenceFrames`, but for positions, of one reference."""
+    """Compute the fields of `ReferenceFrames`, except positions, for one reference."""
     skeleton = reference.motion.skeleton
     joints, _ = select_joints(skeleton, config)
     return {
@@ -181,13 +182,13 @@ def describe(reference: Reference, config: Config) -> dict:
         "clip_starts": np.array([0]),
         "source_frames": reference.source_frames,
         "segment_starts": reference.segment_starts,
-        "key_nodes": of_reference(reference, config.keywords.words),
+        "key_nodes": of_reference(reference, config.keywords.words or {}),
         "speaking": reference_speaking(reference, config.pauses),
     }
 
 
 def join(described: Sequence[dict]) -> dict:
-    """What `describe` says of several references of one skeleton, one after the other."""
+    """Concatenate the descriptions of several references of one skeleton, as `describe` gives them."""
     lengths = [len(one["source_frames"]) for one in described]
     first_nodes = np.cumsum([0, *lengths[:-1]])
     nodes = [one["key_nodes"] for one in described]
@@ -233,14 +234,14 @@ _ANY = Kind("graph", "build-graph", ARRAYS)
 
 
 def read_arrays(path: str | Path, names: Sequence[str]) -> dict[str, np.ndarray]:
-    """Some of the arrays that every library holds, whichever method it is of; DataErrors as by `load`."""
+    """Read some of the arrays that every library holds, whichever its method; DataErrors as by `load`."""
     if not Path(path).is_file():
         raise DataError(f"{path}: this graph has not been built; run `gesturegen build-graph` first")
     return stored_arrays.read(path, _ANY, names)
 
 
 def unfit(stored: Mapping[str, np.ndarray]) -> str | None:
-    """What is wrong between the arrays of a library, each of which is as it should be."""
+    """Say what is wrong between the arrays of a library, each valid by itself; None when nothing is."""
     if not np.isin(stored["clip_starts"], stored["segment_starts"]).all():
         return "clip_starts do not begin segments"
     within_clips = np.ones(len(stored["source_frames"]), dtype=bool)
@@ -255,7 +256,7 @@ def unfit(stored: Mapping[str, np.ndarray]) -> str | None:
 def save(
     path: str | Path, library: ReferenceFrames, kind: Kind, method: str, settings: str, clip_digests: Sequence[str] = ()
 ) -> None:
-    """Store what a method searches as `.npz` (docs/files.md).
+    """Store the library of a method as `.npz` (docs/files.md).
 
     method : the name of the method whose library it is; settings : JSON of all that it depends on
     clip_digests : SHA-256 of the stored clips it was built from, so that `load` can tell when they changed
@@ -283,7 +284,7 @@ def load(
     made: type[ReferenceFrames], kind: Kind, path: str | Path, settings: str | None = None,
     clip_digests: Sequence[str] | None = None,
 ) -> ReferenceFrames:  # fmt: skip
-    """Read what `save` stored,  and check it against its kind.
+    """Read a library that `save` stored, and check it against its kind.
 
     DataError when it is missing, DamagedError when it is damaged or of another version, DataError, where they are
     given, when it was made with other settings or from clips with other digests.

@@ -1,4 +1,4 @@
-"""Files that users hand in: opened without waiting, read up to a stated size, told of in one line.
+"""Files that users hand in: opened without blocking, read up to a size limit, with errors of one line.
 
 A pipe, a socket or a device in place of a file would make `open` wait or a read never end, so only regular files
 are opened. Names and numbers are taken from such files through here as well, so that no reader has its own idea
@@ -10,6 +10,8 @@ from __future__ import annotations
 import os
 import re
 import stat
+from collections.abc import Callable
+from io import BufferedReader
 from pathlib import Path
 from typing import BinaryIO
 
@@ -28,19 +30,19 @@ _KINDS = (
 
 
 def shown(value: object) -> str:
-    """A path or text as it may stand in an error message: on one line, printable, not endless."""
+    """Format a path or text for an error message: on one line, printable, cut when it is long."""
     text = printable(str(value))
     return text if len(text) <= 500 else f"{text[:240]}...{text[-240:]}"
 
 
 def control_character(text: str) -> str | None:
-    """The first character of a text that no name may hold, such as U+000A for a line break; None for none."""
+    """Return the first character of a text that no name may hold, such as U+000A for a line break, or None."""
     found = _CONTROL.search(text)
     return f"U+{ord(found[0]):04X}" if found else None
 
 
 def name_problem(path: Path) -> str | None:
-    """Why a file cannot lend its name to what is written, as a clip does; None for a name that can."""
+    """Say why the name of a file cannot name an output, as that of a clip does; None for a name that can."""
     control = control_character(path.name)
     if control is None:
         return None
@@ -49,28 +51,28 @@ def name_problem(path: Path) -> str | None:
 
 
 def require_usable_name(path: Path) -> None:
-    """DataError for a file that cannot lend its name to what is written, as a clip does."""
+    """Raise DataError for a file whose name cannot name an output, as that of a clip does."""
     if (problem := name_problem(path)) is not None:
         raise DataError(problem)
 
 
 def decimal(text: str) -> float | None:
-    """The number that a text is in ASCII decimal notation; None for anything else (inf for 1e999)."""
+    """Parse a number in ASCII decimal notation; None for any other text (inf for 1e999)."""
     text = text.strip()
     return float(text) if len(text) <= 400 and _DECIMAL.fullmatch(text) else None
 
 
-def is_file(path: str | Path) -> bool:
-    """Whether there is a regular file; False where the path cannot even be looked up."""
+def is_file(path: str | os.PathLike[str]) -> bool:
+    """Tell whether there is a regular file; False where the path cannot even be looked up."""
     return _is(path, stat.S_ISREG)
 
 
-def is_dir(path: str | Path) -> bool:
-    """Whether there is a folder; False where the path cannot even be looked up."""
+def is_dir(path: str | os.PathLike[str]) -> bool:
+    """Tell whether there is a folder; False where the path cannot even be looked up."""
     return _is(path, stat.S_ISDIR)
 
 
-def _is(path: str | Path, kind) -> bool:
+def _is(path: str | os.PathLike[str], kind: Callable[[int], bool]) -> bool:
     try:
         return kind(os.stat(path).st_mode)
     except (OSError, ValueError):  # ValueError for a null byte or a surrogate in the path
@@ -78,21 +80,21 @@ def _is(path: str | Path, kind) -> bool:
 
 
 def size(file: BinaryIO) -> int:
-    """The bytes of an open file."""
+    """Return the size of an open file in bytes."""
     return os.fstat(file.fileno()).st_size
 
 
 def open_regular(
     path: str | Path, error: type[GesturegenError] = DataError, hint: str = PERMISSIONS, most_bytes: int | None = None
-) -> BinaryIO:
-    """Open a regular file for reading; `error` in one line for a missing file, and for what is none.
+) -> BufferedReader:
+    """Open a regular file for reading; raise `error` in one line for a missing file and for anything else.
 
     hint : what to do when the file cannot be read; most_bytes : a larger file is refused
     """
     try:
         # Looked at before it is opened, for opening some devices does something; and afterwards, for it may have changed.
         _require_regular(os.stat(path).st_mode)
-        file = open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb")
+        file = os.fdopen(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb")
         try:
             state = os.fstat(file.fileno())
             _require_regular(state.st_mode)
@@ -115,7 +117,7 @@ def _require_regular(mode: int) -> None:
 def read_bytes(
     path: str | Path, most_bytes: int, error: type[GesturegenError] = DataError, hint: str = PERMISSIONS
 ) -> bytes:
-    """All bytes of a regular file of at most `most_bytes`; `error` in one line for anything else."""
+    """Read all bytes of a regular file of at most `most_bytes`; raise `error` in one line for anything else."""
     with open_regular(path, error, hint, most_bytes) as file:
         try:
             # One more than allowed: a file may grow while it is read.

@@ -1,7 +1,8 @@
-"""The lock on a folder that commands write into, and the removal of what killed commands left half-written there."""
+"""The lock on a folder that commands write into, and the removal of half-written files of killed commands."""
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import socket
@@ -9,12 +10,14 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from types import ModuleType
 
 from gesturegen import files, supervision
 from gesturegen.errors import DataError
 
+fcntl: ModuleType | None
 try:
-    import fcntl
+    fcntl = importlib.import_module("fcntl")
 except ImportError:  # pragma: no cover - not a Unix
     fcntl = None
 
@@ -31,12 +34,12 @@ _held: dict[Path, int] = {}
 
 
 def held() -> tuple[int, ...]:
-    """File descriptors of the locks that this process holds: a worker that holds them too keeps the folder locked."""
+    """Return descriptors of the locks of this process; a worker that holds them too keeps the folder locked."""
     return tuple(_held.values())
 
 
 def locked_folder(folder: Path) -> Path:
-    """The folder whose lock protects `folder`: the outermost work folder it is in, as variants are, or itself."""
+    """Return the folder whose lock protects `folder`: the outermost work folder around it, or itself."""
     folder = folder.resolve()
     works = [parent for parent in folder.parents if (parent / "clips" / "index.json").is_file()]
     return works[-1] if works else folder
@@ -78,7 +81,7 @@ def _locked(folder: Path, command: str, wait: bool, say: Callable[[str], None]) 
 
 
 def _acquire(path: Path, command: str, wait: bool, say: Callable[[str], None]) -> int:
-    """An open descriptor that holds the lock of the file."""
+    """Acquire the lock of a file and return the open descriptor that holds it."""
     said, give_up = False, time.monotonic() + _SECONDS_FOR_THE_DYING
     while True:
         descriptor = _open(path)
@@ -114,7 +117,7 @@ def _open(path: Path) -> int:
 
 
 def _lock(descriptor: int, path: Path, say: Callable[[str], None]) -> bool:
-    """Whether the lock is ours now; where there are no locks it is, with a warning."""
+    """Try to lock an open file and tell whether this process has it; where locks are missing it has, with a warning."""
     try:
         if fcntl is None:
             raise OSError(0, "not on this system")
@@ -137,7 +140,7 @@ def _is_there(descriptor: int, path: Path) -> bool:
 
 
 def _sign(descriptor: int, command: str) -> None:
-    """Write who holds the lock, for those who find it held."""
+    """Write into the lock file who holds it, for commands that find it held."""
     holder = {
         "pid": supervision.process_id(),
         "host": socket.gethostname(),
@@ -158,7 +161,7 @@ def _read_holder(descriptor: int) -> dict:
 
 
 def _is_gone(holder: dict) -> bool:
-    """Whether the process that took the lock has ended, so that only its workers can still hold it."""
+    """Tell whether the process that took the lock has ended, so that only its workers can still hold it."""
     pid = holder.get("pid")
     if not isinstance(pid, int) or pid <= 0 or holder.get("host") != socket.gethostname():
         return not holder  # it has just been taken and not been signed yet

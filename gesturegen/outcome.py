@@ -1,4 +1,4 @@
-"""What became of tasks that were done clip by clip."""
+"""Results of tasks that were done clip by clip."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass
 class Outcome:
-    """What became of each clip, by name in sorted order.
+    """The result, error or bug of each clip, by name in sorted order.
 
     done : results; errors : one line each, the user's to mend; bugs : tracebacks, ours to mend
     """
@@ -19,4 +19,5 @@ class Outcome:
 
     @property
     def failed(self) -> int:
+        """Count the clips that failed."""
         return len(self.errors) + len(self.bugs)

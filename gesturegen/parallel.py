@@ -1,4 +1,4 @@
-"""Clip by clip over worker processes: one clip's failure harms no other."""
+"""Parallel work over clips in worker processes, in which one clip's failure harms no other."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gesturegen.outcome import Outcome
 
 
 def default_jobs() -> int:
-    """The processors this process may use."""
+    """Count the processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -55,7 +55,7 @@ def for_each(
 
 
 def describe_bugs(bugs: Mapping[str, str]) -> list[str]:
-    """The traceback of the first bug with a line that says what it is, and how many clips more met with one."""
+    """Format the traceback of the first bug with a line that says what it is, and count the other clips with one."""
     if not bugs:
         return []
     (clip, trace), *others = sorted(bugs.items())
@@ -70,34 +70,36 @@ def _here(tasks: Mapping[str, Callable[[], tuple[str, Any]]]) -> Iterator[tuple[
     supervision.set_task("")
 
 
-_shared_bar: Any = None
+class _Shared:
+    """The progress bar that all stages share; None outside of `one_display`."""
+
+    bar: Any = None
 
 
 @contextmanager
 def one_display(stages: int, expected: int, quiet: bool) -> Iterator[None]:
-    """Inside the block all calls of `for_each` share one bar: stage, clips done, time left, failures.
+    """Show one progress bar for all calls of `for_each` in the block: stage, clips done, time left, failures.
 
     expected : how many tasks all stages have together, as far as is known before they start
     """
-    global _shared_bar
     with _new_bar("", expected, quiet) as bar:
         bar.stage, bar.stages, bar.stage_name = 0, stages, None
-        _shared_bar = bar
+        _Shared.bar = bar
         try:
             yield
             bar.total = bar.n
         finally:
-            _shared_bar = None
+            _Shared.bar = None
 
 
 @contextmanager
 def _stage(label: str, total: int, quiet: bool) -> Iterator[Any]:
-    """The bar for one call of `for_each`: its own, or the shared one moved on to the next stage."""
-    if _shared_bar is None:
+    """Yield the bar for one call of `for_each`: a new one, or the shared one moved on to the next stage."""
+    if _Shared.bar is None:
         with _new_bar(label, total, quiet) as bar:
             yield bar
         return
-    bar = _shared_bar
+    bar = _Shared.bar
     # `build-graph: edges` is part of the stage build-graph.
     name = label.partition(":")[0]
     bar.stage += name != bar.stage_name
@@ -112,7 +114,7 @@ def _new_bar(label: str, total: int, quiet: bool) -> Any:
     from tqdm import tqdm
 
     # disable=None: no bar where the output is no terminal.
-    bar = tqdm(total=total, desc=label, unit="clip", disable=True if quiet else None)
+    bar: Any = tqdm(total=total, desc=label, unit="clip", disable=True if quiet else None)
     bar.failed = 0
     bar.set_postfix(failed=0, refresh=False)
     return bar

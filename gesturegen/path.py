@@ -1,4 +1,4 @@
-"""What a search returns: a `Path` of graph nodes, cut into the pieces of the test speech."""
+"""The result of a search: a `Path` of graph nodes, cut into the pieces of the test speech."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ class Target:
 
     @property
     def length(self) -> int:
+        """Count the frames of the stretch."""
         return self.end_frame - self.start_frame
 
 
@@ -46,12 +47,12 @@ class Piece:
     fallback: str | None = None
     costs: Mapping[str, float] | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "nodes", read_only(self.nodes))
 
 
 def resampled_indices(n_nodes: int, length: int) -> np.ndarray:
-    """Fractional indices `[shape=(length,)]` into a piece's nodes, evenly placed over its target's frames.
+    """Compute fractional indices `[shape=(length,)]` into a piece's nodes, evenly placed over its target's frames.
 
     The last frame shows the last node, a stop node; so does the only frame of a piece of one.
     """
@@ -67,13 +68,13 @@ class Track:
 
     @property
     def nodes(self) -> np.ndarray:
-        """The nodes of all pieces `[shape=(n,)]`, as searched."""
+        """Concatenate the nodes of all pieces `[shape=(n,)]`, as searched."""
         return np.concatenate([piece.nodes for piece in self.pieces])
 
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """The result for a whole test speech.
+    """The path found for a whole test speech.
 
     failure : None, or the target at which the search got stuck, with the pieces found before it
     objective : None, or the sums of an objective by term: of a global search `first`, without repetition, and `final`,

@@ -9,23 +9,23 @@ from gesturegen.settings.models import Continuity
 
 
 def segment_ends(segment_starts: np.ndarray, n_frames: int) -> np.ndarray:
-    """Last frames `[shape=(S,)]` of the segments."""
+    """Return the last frames `[shape=(S,)]` of the segments."""
     return np.append(segment_starts[1:], n_frames) - 1
 
 
 def spread(values: np.ndarray, segment_starts: np.ndarray, n_frames: int) -> np.ndarray:
-    """One value per segment `[shape=(S,)]`, repeated for each of its frames `[shape=(T,)]`."""
+    """Repeat one value per segment `[shape=(S,)]` for each of the segment's frames `[shape=(T,)]`."""
     return np.repeat(values, np.diff(np.append(segment_starts, n_frames)))
 
 
 def flatten(positions: np.ndarray) -> np.ndarray:
-    """Poses `[shape=(T, J * 3)]` float64 of stored positions `[shape=(T, J, 3)]`."""
+    """Flatten stored positions `[shape=(T, J, 3)]` to poses `[shape=(T, J * 3)]`, float64."""
     width = int(np.prod(positions.shape[1:]))  # -1 could not be told where there is no frame
     return np.ascontiguousarray(positions.reshape(len(positions), width), dtype=np.float64)
 
 
 def velocities(poses: np.ndarray, segment_starts: np.ndarray) -> np.ndarray:
-    """Backward differences `[shape=(T, D)]` per frame inside each segment.
+    """Compute backward differences `[shape=(T, D)]` per frame inside each segment.
 
     The first frame of a segment copies the second's velocity; a segment of one frame has velocity 0.
     """
@@ -38,7 +38,9 @@ def velocities(poses: np.ndarray, segment_starts: np.ndarray) -> np.ndarray:
     return out
 
 
-def pose_distances(poses: np.ndarray, speeds: np.ndarray, lefts, rights, settings: Continuity) -> np.ndarray:
-    """d(l, r) `[shape=(K,)]` of pairs of frames: lambda_pos ||p_l - p_r|| + lambda_vel ||v_l - v_r||."""
+def pose_distances(
+    poses: np.ndarray, speeds: np.ndarray, lefts: np.ndarray, rights: np.ndarray, settings: Continuity
+) -> np.ndarray:
+    """Compute d(l, r) `[shape=(K,)]` of pairs of frames: lambda_pos ||p_l - p_r|| + lambda_vel ||v_l - v_r||."""
     lefts, rights = np.asarray(lefts, dtype=np.int64), np.asarray(rights, dtype=np.int64)
     return _kernels.distances(lefts, rights, poses, speeds, settings.lambda_pos, settings.lambda_vel)

@@ -33,8 +33,8 @@ _HARMLESS = ("paths.work", "evaluation", *(key for key in PLACES if key.endswith
 _MOST_KEYS = 6
 
 
-def shipped(name: str | Path) -> Path:
-    """The file that `--config` means: an existing one, or the config of that name that comes with gesturegen.
+def shipped(name: str | os.PathLike[str]) -> Path:
+    """Find the file that `--config` means: an existing one, or the config of that name that comes with gesturegen.
 
     Raises ConfigError for neither, with the names that there are.
     """
@@ -49,7 +49,7 @@ def shipped(name: str | Path) -> Path:
 
 
 def listing() -> dict[str, list[tuple[str, str]]]:
-    """The configs that come with gesturegen by what they are for: name, and the first sentence of the file."""
+    """List the configs that come with gesturegen by purpose, with name and the first sentence of each file."""
     found: dict[str, list[tuple[str, str]]] = {key: [] for key in (SETTINGS, PLANS, OTHERS)}
     for path in sorted(configs_folder().glob("*.yaml")):
         values = strict_yaml.read(path)
@@ -68,7 +68,7 @@ def _first_sentence(path: Path) -> str:
 
 
 def load(path: Path | None, overrides: Sequence[str], folders: Mapping[str, str]) -> tuple[Config, str | None]:
-    """The settings of a command: the given file's, else the work folder's own, else the recommended ones.
+    """Load the settings of a command from the given file, else the work folder, else the recommended config.
 
     overrides, folders : as in `load_config`. The second value says in one line which settings were taken, None where
     a file was given. Raises ConfigError.
@@ -87,7 +87,7 @@ def load(path: Path | None, overrides: Sequence[str], folders: Mapping[str, str]
 
 
 def remembered_folders(overrides: Sequence[str], folders: Mapping[str, str]) -> dict[str, str]:
-    """`folders` with the places that the work folder remembers and that neither `folders` nor `overrides` name."""
+    """Add to `folders` the remembered places that neither `folders` nor `overrides` name."""
     work = _work(overrides, folders)
     if not inputs.is_file(work / NAME) or not _is_whole(work / NAME):
         return dict(folders)
@@ -107,19 +107,19 @@ def _work(overrides: Sequence[str], folders: Mapping[str, str]) -> Path:
 
 
 def _seen_from(work: Path, value: str) -> str:
-    """A kept place as the current folder sees it."""
-    return value if os.path.isabs(value) else os.path.relpath(os.path.join(os.path.realpath(work), value))
+    """Convert a stored place, relative to the work folder, to one relative to the current folder."""
+    return value if Path(value).is_absolute() else os.path.relpath(Path(os.path.realpath(work)) / value)
 
 
 def _is_whole(path: Path) -> bool:
-    """Whether a file of remembered settings is as it was written."""
+    """Tell whether a file of remembered settings is as it was written."""
     text, sign, checksum = inputs.read_bytes(path, strict_yaml.MOST_BYTES, ConfigError).rpartition(_CHECKSUM.encode())
     return bool(sign) and checksum.strip() == hashlib.sha256(text).hexdigest().encode()
 
 
 @contextmanager
 def kept(config: Config, force: bool, say: Callable[[str], None]) -> Iterator[None]:
-    """Write the settings into the work folder for the time after; ConfigError where results of other ones are there.
+    """Keep the settings in the work folder for later commands; ConfigError if it has results of other settings.
 
     say : is given a line for a damaged file that is written anew.
 
@@ -144,12 +144,12 @@ def kept(config: Config, force: bool, say: Callable[[str], None]) -> Iterator[No
 
 
 def write(config: Config, work: Path) -> None:
-    """Make another folder remember settings, such as that of a variant."""
+    """Write settings into another folder for later commands, such as that of a variant."""
     files.write_text(work / NAME, to_text(config, work))
 
 
 def to_text(config: Config, work: Path) -> str:
-    """All settings as YAML that `load` reads; places as seen from the work folder."""
+    """Format all settings as YAML that `load` reads, with places as seen from the work folder."""
     import yaml
 
     values = _values(config)
@@ -166,7 +166,7 @@ def to_text(config: Config, work: Path) -> str:
 
 
 def changed_yaml(config: Config, without: Sequence[str]) -> str:
-    """As YAML, the settings in which a config differs from the defaults, but for the sections `without` and places."""
+    """Format as YAML the settings that differ from the defaults, except places and the sections `without`."""
     import yaml
 
     plain = _values(Config())
@@ -190,7 +190,7 @@ def _values(config: Config) -> dict[str, Any]:
 
 
 def differences(config: Config) -> list[str]:
-    """The settings in which `config` differs from those that its work folder remembers, in words."""
+    """Describe the settings in which `config` differs from those that its work folder remembers."""
     path = Path(config.paths.work) / NAME
     if not inputs.is_file(path) or not _is_whole(path):
         return []
@@ -206,7 +206,7 @@ def differences(config: Config) -> list[str]:
 
 
 def _require_same(config: Config) -> None:
-    """ConfigError that lists the settings in which `config` differs from the remembered ones."""
+    """Raise ConfigError with the settings in which `config` differs from the remembered ones."""
     if differing := differences(config):
         more = f", and {len(differing) - _MOST_KEYS} more" if len(differing) > _MOST_KEYS else ""
         raise ConfigError(
@@ -217,7 +217,7 @@ def _require_same(config: Config) -> None:
 
 
 def _settled(key: str, value: Any) -> Any:
-    """A value as it is compared: a place by what it leads to."""
+    """Return a value as it is compared: a place by what it leads to."""
     return os.path.realpath(value) if key in _PLACES and isinstance(value, str) else value
 
 
@@ -234,6 +234,7 @@ def _flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
 
 
 def _get(values: Mapping[str, Any], key: str) -> Any:
+    found: Any = values
     for name in key.split("."):
-        values = values.get(name) if isinstance(values, dict) else None
-    return values
+        found = found.get(name) if isinstance(found, dict) else None
+    return found

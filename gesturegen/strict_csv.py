@@ -1,4 +1,4 @@
-"""CSV without its traps: every column is known, every row is complete, and every row knows its line."""
+"""Strict CSV: every column is known, every row is complete, and every row knows its line."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def read_rows(
     path: str | Path, columns: Mapping[str, bool], hint: str, others: bool = False,
     error: type[GesturegenError] = ConfigError,
 ) -> list[tuple[int, dict[str, str]]]:  # fmt: skip
-    """The rows of a CSV file with their line numbers; `error` with the line for what is missing or malformed.
+    """Read the rows of a CSV file with their line numbers; raise `error` with the line for missing or malformed parts.
 
     columns : names of all columns and whether their cells must be filled; they may stand in any order
     hint : what to do when the file cannot be read
@@ -46,6 +46,7 @@ class _Table:
         self.rows: list[tuple[int, dict[str, str]]] = []
 
     def add(self, line: int, texts: list[str]) -> None:
+        """Add a row, the first of which is the header; raise the error of a malformed one."""
         if texts in ([], [""]):
             return
         where = f"{self.path}:{line}"
@@ -81,12 +82,12 @@ def _check_header(
         if name in columns and names.count(name) > 1:
             raise error(f"{where}: column {name!r} stands twice; keep one")
         if name not in columns and not others:
-            name = name[:60]
-            near = get_close_matches(name, columns, n=1, cutoff=0.6)
+            unknown = name[:60]
+            near = get_close_matches(unknown, columns, n=1, cutoff=0.6)
             if near:
-                raise error(f"{where}: unknown column {name!r}; did you mean {near[0]!r}?")
+                raise error(f"{where}: unknown column {unknown!r}; did you mean {near[0]!r}?")
             if not missing:
-                raise error(f"{where}: unknown column {name!r}; expected {_listed(columns)}")
+                raise error(f"{where}: unknown column {unknown!r}; expected {_listed(columns)}")
     if missing:
         found = ",".join(names)[:60]
         raise error(

@@ -1,4 +1,4 @@
-"""YAML without its traps: null, true and false, decimal numbers and text, and every key knows its line.
+"""Strict YAML: null, true and false, decimal numbers and text, and every key knows its line.
 
 PyYAML parses; what a scalar means is decided here, as in the core schema of YAML 1.2 without its octal and
 hexadecimal numbers: `no`, `2020-01-01`, `010`, `1:30`, `0x1F`, `1_000` and `.inf` are text, `1e-3` is a number.
@@ -34,7 +34,7 @@ _REAL = re.compile(r"[-+]?(?:(?:0|[1-9][0-9]*)(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]
 
 
 def read(path: str | Path, hint: str = "check the path") -> Any:
-    """The value of a YAML file; ConfigError with the line for what is missing or malformed.
+    """Read the value of a YAML file; ConfigError with the line for what is missing or malformed.
 
     hint : what to do when the file cannot be read
     """
@@ -42,12 +42,12 @@ def read(path: str | Path, hint: str = "check the path") -> Any:
 
 
 def parse(text: str, name: str) -> Any:
-    """The value of a piece of YAML that errors call `name`."""
+    """Parse a piece of YAML that errors call `name`."""
     return _Document(text, inputs.shown(name)).value
 
 
 def read_mapping(path: str | Path, hint: str) -> tuple[dict[str, Any], dict[tuple, int]]:
-    """The mapping of a YAML file (empty for an empty file), and the line of every key path and list element."""
+    """Read the mapping of a YAML file (empty for an empty file), and the line of every key path and list element."""
     document = _Document(_read_text(path, hint), inputs.shown(path))
     if document.value is None:
         return {}, {}
@@ -80,7 +80,8 @@ class _Document:
     def __init__(self, text: str, name: str):
         self.name = name
         self.lines: dict[tuple, int] = {}
-        self.line, self.key = 1, ()
+        self.line = 1
+        self.key: tuple[str | int, ...] = ()
         if len(text) > MOST_BYTES:
             raise ConfigError(f"{name}: {len(text):,} characters, at most {MOST_BYTES:,} are read; give less")
         try:
@@ -132,7 +133,7 @@ class _Document:
         return self._fail(f"more than {MOST_LEVELS} levels; no setting has so many")
 
     def _sequence(self, key: tuple) -> list:
-        values = []
+        values: list[Any] = []
         while not self.events.check_event(yaml.SequenceEndEvent):
             own = (*key, len(values))
             self.lines[own] = self.events.peek_event().start_mark.line + 1

@@ -1,7 +1,7 @@
-"""The process that watches over a command: it ends the command and its workers on a signal, and says why one died.
+"""The supervisor process of a command: it ends the command and its workers on a signal, and says why one died.
 
-Compiled loops cannot be interrupted from Python, so the command runs in a child process. The one that was started only
-waits for signals and for the child: whatever the child is doing, all of it ends at once, with one line and no traceback.
+Compiled loops cannot be interrupted from Python, so the command runs in a child process. The supervisor only waits for
+signals and for the child: whatever the child is doing, all of it ends at once, with one line and no traceback.
 """
 
 from __future__ import annotations
@@ -31,9 +31,17 @@ _LIKELY = {
 
 # Written by the command and read by the process that watches it: what to say of it when it ends early.
 _HINT, _TASK = slice(0, 1024), slice(1024, 4096)
-_page: mmap.mmap | None = None
-# The writing end of a pipe that the command and all of its workers hold open, so that their end can be awaited.
-_held_open: int | None = None
+
+
+class _State:
+    """What a supervisor and its command share, None where nobody watches.
+
+    page : memory of both; held_open : the writing end of a pipe that the command and all of its workers hold open, so
+    that their end can be awaited
+    """
+
+    page: mmap.mmap | None = None
+    held_open: int | None = None
 
 
 def supervise(work: Callable[[], None]) -> None:
@@ -41,13 +49,12 @@ def supervise(work: Callable[[], None]) -> None:
 
     Exit code: that of the child, or 128 and the number of the signal. Where there is no `fork`, `work` runs here.
     """
-    global _page, _held_open
-    if not hasattr(os, "fork") or _page is not None or threading.active_count() > 1:
+    if not hasattr(os, "fork") or _State.page is not None or threading.active_count() > 1:
         work()
         return
     _open_standard_files()
     stops = {number for number in STOPS if signal.getsignal(number) is not signal.SIG_IGN}
-    _page = mmap.mmap(-1, _TASK.stop)
+    _State.page = mmap.mmap(-1, _TASK.stop)
     reading, writing = os.pipe()
     # Waited for with `sigwait`, which has no moment at which a signal could be missed or raise an exception.
     signal.pthread_sigmask(signal.SIG_BLOCK, stops | {signal.SIGCHLD})
@@ -55,7 +62,7 @@ def supervise(work: Callable[[], None]) -> None:
     parent, child = os.getpid(), os.fork()
     if child == 0:
         os.close(reading)
-        _held_open = writing
+        _State.held_open = writing
         for number in stops | {signal.SIGCHLD}:
             signal.signal(number, signal.SIG_DFL)
         end_with_parent(parent)
@@ -69,7 +76,7 @@ def supervise(work: Callable[[], None]) -> None:
 
 
 def _open_standard_files() -> None:
-    """Stand in for standard files that are closed, so that no pipe or lock gets their numbers and what is printed."""
+    """Replace standard files that are closed, so that no pipe or lock gets their numbers and what is printed."""
     for number in (0, 1, 2):
         try:
             os.fstat(number)
@@ -78,7 +85,7 @@ def _open_standard_files() -> None:
 
 
 def _await(child: int, stops: set[signal.Signals]) -> tuple[int | None, int]:
-    """The first signal that asked for an end, and how the child ended."""
+    """Wait for the child; return the first signal that asked for an end, and how the child ended."""
     stopped = None
     while True:
         number = signal.sigwait(stops | {signal.SIGCHLD})
@@ -98,7 +105,7 @@ def _await_closing(reading: int) -> None:
 
 
 def _exit_code(stopped: int | None, status: int) -> int:
-    """The exit code of the whole program; one line on standard error when a signal ended it."""
+    """Return the exit code of the whole program; print one line on standard error when a signal ended it."""
     code = os.waitstatus_to_exitcode(status)
     if stopped is None and code >= 0:
         return code
@@ -117,7 +124,7 @@ def _exit_code(stopped: int | None, status: int) -> int:
 
 
 def describe_death(code: int) -> str:
-    """How a process ended, by its exit code as `subprocess` gives it: the signal and what is likely behind it."""
+    """Describe how a process ended, by its exit code as `subprocess` gives it: the signal and its likely cause."""
     if code >= 0:
         return f"ended by itself with exit code {code}; please report this"
     name = signal_name(-code)
@@ -125,6 +132,7 @@ def describe_death(code: int) -> str:
 
 
 def signal_name(number: int) -> str:
+    """Return the name of a signal, such as `SIGTERM`."""
     try:
         return signal.Signals(number).name
     except ValueError:
@@ -155,35 +163,36 @@ def _watch(parent: int) -> None:
 
 
 def held_open() -> tuple[int, ...]:
-    """File descriptors that every worker must inherit, so that its end can be awaited."""
-    return () if _held_open is None else (_held_open,)
+    """Return the file descriptors that every worker must inherit, so that its end can be awaited."""
+    return () if _State.held_open is None else (_State.held_open,)
 
 
 def is_watched() -> bool:
-    """Whether this process is a command that another one watches over."""
-    return _held_open is not None
+    """Tell whether this process is a command that a supervisor watches over."""
+    return _State.held_open is not None
 
 
 def process_id() -> int:
-    """The process that was started, and that ends the command when it is ended."""
+    """Return the id of the process that the user started, which ends the command when it is ended."""
     return os.getppid() if is_watched() else os.getpid()
 
 
 def set_hint(text: str) -> None:
-    """What to say when this command is stopped, beside that it was."""
+    """Set the advice that is printed when this command is stopped."""
     _write(_HINT, text)
 
 
 def set_task(name: str) -> None:
-    """The clip that this process works on, to be named when it crashes."""
+    """Set the name of the clip that this process works on, to be reported when it crashes."""
     _write(_TASK, name)
 
 
 def _write(place: slice, text: str) -> None:
-    if _page is not None:
+    if _State.page is not None:
         size = place.stop - place.start
-        _page[place] = text.encode(errors="backslashreplace")[: size - 1].ljust(size, b"\0")
+        _State.page[place] = text.encode(errors="backslashreplace")[: size - 1].ljust(size, b"\0")
 
 
 def _read(place: slice) -> str:
-    return bytes(_page[place]).rstrip(b"\0").decode(errors="replace")
+    assert _State.page is not None, "only a supervisor reads"
+    return bytes(_State.page[place]).rstrip(b"\0").decode(errors="replace")

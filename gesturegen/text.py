@@ -1,4 +1,4 @@
-"""Texts that descriptions share: counted nouns and aligned columns."""
+"""Text helpers for descriptions: counted nouns and aligned columns."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from collections.abc import Iterable, Sequence
 
 
 def count(number: int, noun: str) -> str:
+    """Format a number with its noun, in the plural where it is not 1."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def align(rows: Sequence[Sequence[str]], figures: Iterable[int]) -> list[str]:
-    """Lines of columns as wide as their widest cell; those numbered in `figures` to the right."""
+    """Align columns to the width of their widest cell, one line a row; those numbered in `figures` to the right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     right = set(figures)
     return [

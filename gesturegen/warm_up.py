@@ -1,4 +1,4 @@
-"""What is compiled before the workers of a command start, in one process, so that they find it ready.
+"""Compilation of loops in one process before the workers of a command start, so that they find them compiled.
 
 Without it every worker would compile the same loops at the same time. Nothing but time depends on the lists here: a
 loop that is missing in them is compiled where it is first called, and kept from then on.
@@ -54,16 +54,13 @@ def _tell(folder: Path | None) -> None:
 
 
 def _record(group: str) -> str:
-    """The name of the entry that lists what a group needs, as of the present sources."""
+    """Return the name of the entry that lists what a group needs, as of the present sources."""
     return f"group-{group}-{hook.source_digest(__file__)[:24]}"
 
 
 def _is_kept(group: str) -> bool:
-    """Whether everything that a group needs is in the store and sound."""
-    for stored in store.read(_record(group)):
-        if all(store.is_sound(name) for name in json.load(stored)):
-            return True
-    return False
+    """Tell whether everything that a group needs is in the store and sound."""
+    return any(all(store.is_sound(name) for name in json.load(stored)) for stored in store.read(_record(group)))
 
 
 def _compile_speech() -> None:

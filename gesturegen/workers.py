@@ -19,6 +19,7 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 from gesturegen import locks, supervision
@@ -33,7 +34,7 @@ _SECONDS_TO_END = 1.0
 
 
 class Worker:
-    """One process, and the connection to it."""
+    """A worker process, and the connection to it."""
 
     def __init__(self) -> None:
         ours, theirs = socket.socketpair()
@@ -44,8 +45,9 @@ class Worker:
                 f"workers.serve({theirs.fileno()}, {os.getpid()})"
             )
             try:
+                flags = subprocess._args_from_interpreter_flags()  # type: ignore[attr-defined] # private, not in typeshed
                 self.process = subprocess.Popen(
-                    [sys.executable, *subprocess._args_from_interpreter_flags(), "-c", code],
+                    [sys.executable, *flags, "-c", code],
                     stdin=subprocess.DEVNULL, pass_fds=inherited, env={**dict.fromkeys(_ONE_THREAD, "1"), **os.environ},
                 )  # fmt: skip
             except OSError as error:
@@ -57,16 +59,16 @@ class Worker:
         self.connection = Connection(os.dup(ours.fileno()))
 
     def send(self, task: bytes) -> None:
-        """Give it a pickled task; OSError when it is dead."""
+        """Send the worker a pickled task; OSError when it is dead."""
         socket.send_fds(self.socket, [b"\0"], list(locks.held()))
         self.connection.send_bytes(task)
 
     def receive(self) -> Any:
-        """What the task returned; EOFError or OSError when the worker died."""
+        """Return what the task returned; EOFError or OSError when the worker died."""
         return pickle.loads(self.connection.recv_bytes())
 
     def end(self) -> int:
-        """End the process, which has no task; its exit code."""
+        """End the process, which has no task, and return its exit code."""
         self.connection.close()
         self.socket.close()
         try:
@@ -90,7 +92,7 @@ def dismiss() -> None:
 
 
 class _Crew:
-    """Workers at one stage's tasks, one for each thread that asks for an answer."""
+    """The workers for one stage's tasks, one for each thread that asks for an answer."""
 
     def __init__(self, fresh: bool) -> None:
         self.fresh = fresh
@@ -98,9 +100,9 @@ class _Crew:
         self.ended = False
 
     def answer(self, name: str, task: Callable[[], tuple[str, Any]]) -> tuple[str, str, Any]:
-        """Name, kind and value of a task that a worker runs; of the kind `dead`, with its exit code, if it died."""
+        """Run a task in a worker and return its name, kind and value; kind `dead`, with the exit code, if it died."""
         try:
-            data = pickle.dumps((os.getcwd(), task), pickle.HIGHEST_PROTOCOL)
+            data = pickle.dumps((str(Path.cwd()), task), pickle.HIGHEST_PROTOCOL)
         except Exception:
             return name, "bugs", traceback.format_exc()
         for _ in range(_MOST_STARTS):
@@ -154,9 +156,9 @@ class _Crew:
 
 
 def run(
-    tasks: Mapping[str, Callable[[], tuple[str, Any]]], jobs: int, fresh: bool, say: Callable[[str], None]
+    tasks: Mapping[str, Callable[[], tuple[str, Any]]], jobs: int, fresh: bool, say: Callable[[str], object]
 ) -> Iterator[tuple[str, str, Any]]:
-    """Run every task in one of `jobs` workers; yields `(name, kind, value)` as they end.
+    """Run every task in one of `jobs` workers; yield `(name, kind, value)` as they end.
 
     joblib hands out the tasks, to threads that wait for what a worker answers. (Its own worker processes go on when
     their parent is killed, and the death of one ends all tasks without telling whose it was.)
@@ -195,7 +197,7 @@ def _describe_death(code: int, again: bool) -> str:
 
 
 def serve(descriptor: int, parent: int) -> None:
-    """What a worker does: take tasks and return what they return, until the process that started it is gone."""
+    """Serve as a worker: take tasks and return their results, until the process that started it is gone."""
     supervision.end_with_parent(parent)
     for number in supervision.STOPS:  # meant for the whole program: the one that watches over it ends all of it
         signal.signal(number, signal.SIG_IGN)

@@ -1,4 +1,4 @@
-"""Where the files of a run are, below its work folder."""
+"""Paths of a run's files below its work folder."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from gesturegen.settings.models import Config
 
 
 def work_path(config: Config, *parts: str) -> Path:
-    """A place below the folder for everything that is written."""
+    """Return a path below the work folder."""
     return Path(config.paths.work, *parts)
 
 
 def clip_path(config: Config, name: str) -> Path:
-    """The stored clip of a recording."""
+    """Return the path of a recording's stored clip."""
     return work_path(config, "clips", f"{name}.npz")
 
 
 def library_path(config: Config, name: str) -> Path:
-    """The stored library of that name."""
+    """Return the path of the stored library of that name."""
     return work_path(config, "graphs", f"{name}.npz")
 
 
 def library_name(config: Config, names: Sequence[str]) -> str:
-    """The name of what a method builds of one reference clip or of several; several methods may share a folder."""
+    """Name what a method builds of one reference clip or of several; several methods may share a folder."""
     name = names[0] if len(names) == 1 else "multi-" + hashlib.sha256("\n".join(names).encode()).hexdigest()[:12]
     seconds = config.references.seconds
     name = name if seconds is None else f"{name}-{seconds:g}s"

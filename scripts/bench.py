@@ -1,4 +1,4 @@
-"""Time and peak memory of each stage, beside the obvious implementation in `tests/naive.py`, on one core.
+"""Measure time and peak memory of each stage, beside the naive implementation in `tests/naive.py`, on one core.
 
     python scripts/bench.py [--seconds 63 170 427] [--fast-only] [--long 60] [--gestures 190]
 
@@ -49,7 +49,7 @@ from gesturegen.speech import audio, prosody
 from tests import naive
 
 FOLDER = Path("bench")
-ONE_CORE = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")}
+ONE_CORE = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 BUILD, BUILD_CLIPS = "build graph", "build clips"
 STAGES = {
     BUILD: "continuity analysis with both prunings",
@@ -144,7 +144,7 @@ def naive_beam(graph: motion_graph.MotionGraph, said: clips.Speech, config: Conf
 
 
 def prepare(folder: Path, stage: str, slow: bool) -> tuple[Callable, Callable]:
-    """What compiles a stage's loops and prepares what others have prepared for it, and the stage itself."""
+    """Return a function that compiles a stage's loops and prepares its inputs, and one that runs the stage."""
     config = settings(folder, stage)
     if stage == "read reference":
         return (lambda: references(folder),) * 2
@@ -185,7 +185,7 @@ def prepare(folder: Path, stage: str, slow: bool) -> tuple[Callable, Callable]:
 
 
 def prepare_clips(folder: Path, stage: str, slow: bool) -> tuple[Callable | None, Callable]:
-    """The same of the stages of GestureMaster, in a work folder in which recordings have been preprocessed."""
+    """Do as `prepare` for the stages of GestureMaster, in a work folder of preprocessed recordings."""
     config = clip_settings(folder)
     if stage == BUILD_CLIPS:
         for name in ("gestures", "graphs"):
@@ -241,7 +241,7 @@ def naive_edges(borders: dict, config: Config):
 
 
 def clip_problems(found: database.GestureDatabase, said: clips.Speech, config: Config) -> list[tuple]:
-    """What Viterbi is given for each body."""
+    """Collect the inputs of the Viterbi search for each body."""
     asked = config.gesture_master
     terms = gesture_master.data_terms(found, said, gesture_master.segments(said, config), config)
     problems = []
@@ -261,7 +261,7 @@ def naive_clips(data: np.ndarray, edges: viterbi.InEdges, *prices):
 
 
 def measure(folder: Path, stage: str, slow: bool) -> dict:
-    """Seconds and peak megabytes of one stage, in this process."""
+    """Measure seconds and peak megabytes of one stage, in this process."""
     warm_up, run = (prepare_clips if stage in CLIP_STAGES else prepare)(folder, stage, slow)
     if warm_up is not None:
         warm_up()
@@ -279,7 +279,7 @@ def measure(folder: Path, stage: str, slow: bool) -> dict:
 
 
 def require_success(summary: Summary) -> None:
-    """What a command could not do must not pass for a fast one."""
+    """Exit when a command failed, so that a failure does not pass for a fast run."""
     if summary.outcome.failed:
         raise SystemExit("\n".join([*summary.outcome.errors.values(), *summary.outcome.bugs.values()]))
 
@@ -303,7 +303,7 @@ def graph_path(folder: Path) -> Path:
 
 
 def make_data(folder: Path, count: int, seconds: float, test_seconds: float) -> Path:
-    """Demo data in a folder, whole or not at all."""
+    """Make demo data in a folder, all or nothing."""
     if not folder.is_dir():
         unfinished = folder.with_name(f"{folder.name}.unfinished")
         lengths = {"reference_seconds": (seconds, seconds), "test_seconds": (test_seconds, test_seconds)}
@@ -314,7 +314,7 @@ def make_data(folder: Path, count: int, seconds: float, test_seconds: float) -> 
 
 
 def make_work(folder: Path) -> Path:
-    """The recordings of a folder preprocessed, with prosody, whole or not at all."""
+    """Preprocess the recordings of a folder, with prosody, all or nothing."""
     work = folder / "work"
     if not work.is_dir():
         unfinished = folder / "work.unfinished"
@@ -371,7 +371,7 @@ def main(
     seconds: tuple[float, ...], fast_only: bool, minutes: int | None, gestures: int | None,
     one: tuple[str, str, str] | None,
 ) -> None:  # fmt: skip
-    """Time and peak memory of each stage, beside the obvious implementation, on one core."""
+    """Measure time and peak memory of each stage, beside a naive implementation, on one core."""
     if one:
         folder, stage, kind = one
         click.echo(json.dumps(measure(Path(folder), stage, kind == "naive")))

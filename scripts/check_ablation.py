@@ -39,7 +39,7 @@ SETUPS = ("weak_detection", "weak_pruning", "weak_initialization", "no_terminati
 
 
 def run(folder: Path) -> dict:
-    """The table of the small fixed dataset."""
+    """Compute the table of the small fixed dataset."""
     data, work = folder / "data", folder / "work"
     specs = demo.clip_specs(references=2, tests=2, seed=2023, reference_seconds=(60.0, 64.0), test_seconds=(60.0, 62.0))
     for spec in specs:
@@ -58,14 +58,14 @@ def run(folder: Path) -> dict:
 
 
 def reproducible(table):
-    """The table without what no second run repeats, wherever it stands."""
+    """Remove from the table what no second run repeats, wherever it stands."""
     if isinstance(table, dict):
         return {key: reproducible(value) for key, value in table.items() if key not in MACHINE}
     return [reproducible(value) for value in table] if isinstance(table, list) else table
 
 
 def differences(found, expected, place: str = "") -> Iterator[str]:
-    """One line for each value that is not as expected."""
+    """Yield one line for each value that is not as expected."""
     if isinstance(found, dict) and isinstance(expected, dict):
         for key in sorted(found.keys() | expected.keys()):
             if key not in found or key not in expected:
@@ -83,7 +83,7 @@ def differences(found, expected, place: str = "") -> Iterator[str]:
 
 
 def broken_guarantees(table: dict) -> Iterator[str]:
-    """What must hold on any data, whatever the figures are."""
+    """Yield one line for each broken guarantee of those that hold on any data, whatever the figures are."""
     rows = {(row["setup"], row["seed"], row["clip"]): row for row in table["clips"]}
     lacking = 0
     for (setup, seed, clip), full in rows.items():

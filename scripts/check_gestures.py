@@ -1,4 +1,4 @@
-"""Does a run of GestureMaster keep what it promises, on every clip that it wrote? Judged by its files alone.
+"""Check that a run of GestureMaster keeps its promises, on every clip that it wrote, judged by its files alone.
 
     python scripts/check_gestures.py WORK [MORE...]
 
@@ -76,7 +76,7 @@ def _track_name(track: Mapping, stored: database.GestureDatabase) -> str | None:
 
 
 def _clip(nodes: list[int], stored: database.GestureDatabase) -> int | None:
-    """The number of the gesture clip of exactly these nodes."""
+    """Find the number of the gesture clip of exactly these nodes."""
     if not nodes or nodes != list(range(nodes[0], nodes[-1] + 1)):
         return None
     same = np.flatnonzero((stored.starts == nodes[0]) & (stored.stops == nodes[-1] + 1))
@@ -110,7 +110,7 @@ def _of_body(
 
 
 def _edge(stored: database.GestureDatabase, body: str, before: int, clip: int) -> float | None:
-    """What the transition costs, None where it is no edge."""
+    """Look up what the transition costs; None where it is no edge."""
     indptr, sources, costs = (getattr(stored, f"{body}_{key}") for key in ("indptr", "sources", "costs"))
     into = slice(indptr[clip], indptr[clip + 1])
     place = np.flatnonzero(sources[into] == before)
@@ -135,7 +135,7 @@ def _scale_price(piece: Mapping, settings: Mapping) -> float:
 
 
 def _of_objective(pieces: list[Mapping], objective: Mapping) -> Iterator[str]:
-    """A piece costs the sum of its terms, and the objective has the sums of all pieces by term."""
+    """Check that a piece costs the sum of its terms, and the objective has the sums of all pieces by term."""
     for number, piece in enumerate(pieces):
         if not _equal(piece["cost"], sum(piece["costs"].values())):
             yield f"piece {number}: its costs sum up to {sum(piece['costs'].values())}, not {piece['cost']}"

@@ -1,4 +1,4 @@
-"""Whether the links and pictures of Markdown files outside of `docs/` lead to something.
+"""Check that the links and pictures of Markdown files outside of `docs/` lead to something.
 
     python scripts/check_links.py README.md CONTRIBUTING.md
 
@@ -18,12 +18,12 @@ HEADING = re.compile(r"^#+ (.*?)(?: *\{ *#([\w-]+) *\})?$", re.M)
 
 
 def anchors(text: str) -> set[str]:
-    """The anchors of a page's headings, as mkdocs makes them."""
+    """List the anchors of a page's headings, as mkdocs makes them."""
     return {given or slugify(re.sub(r"[`*]", "", title), "-") for title, given in HEADING.findall(text)}
 
 
 def broken(page: Path) -> list[str]:
-    """One line for each link of a page that leads nowhere."""
+    """Report each link of a page that leads nowhere, in one line."""
     problems = []
     text = page.read_text()
     for target in LINK.findall(text):

@@ -38,7 +38,7 @@ CONFIG_FOLDER = Path(__file__).parent.parent / "configs"
 
 
 def measure(command: Sequence[str]) -> float:
-    """Run a command; the bytes of its largest process at its peak. SystemExit when it fails."""
+    """Run a command; return the bytes of its largest process at its peak. SystemExit when it fails."""
     with tempfile.TemporaryFile("w+") as told:
         process = subprocess.Popen(command, stdout=told, stderr=subprocess.STDOUT)
         _, status, usage = os.wait4(process.pid, 0)
@@ -59,7 +59,7 @@ def gesturegen(command: str, config: str, data: Path, work: Path, jobs: int) -> 
 
 
 def many_clips(folder: Path, count: int) -> list[str]:
-    """What grew while many clips went through each stage."""
+    """Report the stages whose memory grew while many clips went through."""
     few, many = (_peaks(folder / str(number), number) for number in (count // FEWER, count))
     faults = []
     for stage in STAGES:
@@ -73,7 +73,7 @@ def many_clips(folder: Path, count: int) -> list[str]:
 
 
 def _peaks(folder: Path, count: int) -> dict[str, float]:
-    """Bytes of the largest process of each stage for so many test clips."""
+    """Measure the bytes of the largest process of each stage for so many test clips."""
     data = folder / "data"
     for spec in demo.clip_specs(references=1, tests=1, seed=1, reference_seconds=(30, 30), test_seconds=(10, 10)):
         demo.write_clip(data, spec)
@@ -85,7 +85,7 @@ def _peaks(folder: Path, count: int) -> dict[str, float]:
 
 
 def long_speech(folder: Path, minutes: int) -> list[str]:
-    """Which config takes too much memory for a long speech."""
+    """Report the configs that take too much memory for a long speech."""
     data, faults = folder / "data", []
     for spec in demo.clip_specs(references=3, tests=1, seed=1, reference_seconds=(60, 60), test_seconds=(60, 60)):
         demo.write_clip(data, spec)
@@ -115,7 +115,7 @@ def repeat_speech(folder: Path, times: int) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure and compare; 1 when a limit is passed."""
+    """Measure and compare; return 1 when a limit is passed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--clips", type=int, default=300)
     parser.add_argument("--minutes", type=int, default=20)

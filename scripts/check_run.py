@@ -64,7 +64,7 @@ def problems(work: Path, tests: Path, references: Path) -> list[str]:
 
 
 def _check_trace(path: Path, frames: int) -> list[str]:
-    """The pieces of a trace cover every output frame once, end as their search lets them, and cost what they say."""
+    """Check that the pieces of a trace cover every frame once, end as the search lets them, and cost what they say."""
     trace = json.loads(path.read_text())
     found = []
     ends = [0, *(piece["end_frame"] for piece in trace["pieces"])]
@@ -100,7 +100,7 @@ def _check_piece(piece: dict, search: str) -> Iterator[str]:
 
 
 def _check_objective(trace: dict) -> Iterator[str]:
-    """Both objectives are sums of their terms; the final one is what the pieces cost."""
+    """Check that both objectives are sums of their terms, and the final one is what the pieces cost."""
     for name, terms in trace["objective"].items():
         total = sum(value for term, value in terms.items() if term != "total")
         if not math.isclose(terms["total"], total, rel_tol=ROUNDING, abs_tol=ROUNDING):

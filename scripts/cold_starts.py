@@ -18,7 +18,7 @@ COMPILING = "compiling loops"
 
 
 def gesturegen(cache: Path, *arguments: object) -> tuple[int, str]:
-    """Exit code and everything that was printed; -N where signal N ended it."""
+    """Run a command; return its exit code (-N where signal N ended it) and everything that was printed."""
     environment = {name: value for name, value in os.environ.items() if name not in ("NUMBA_CACHE_DIR", "PYTHONPATH")}
     done = subprocess.run(
         [sys.executable, "-m", "gesturegen.cli", *map(str, arguments)],
@@ -33,7 +33,7 @@ def digest(folder: Path) -> str:
 
 
 def start(folder: Path, cache: Path, is_cold: bool) -> tuple[str, str]:
-    """The digest of what one start wrote, and what is wrong with it."""
+    """Run one start; return the digest of what it wrote, and what is wrong with it."""
     work = folder / cache.name / ("cold" if is_cold else "warm")
     code, said = gesturegen(cache, "preprocess", "--data", folder / "data", "--work", work, "-j", 2)
     wrong = "" if code == 0 else f"exit code {code}: {said}"

@@ -1,4 +1,4 @@
-"""Is the synthetic demo dataset like real recordings? Measures both and holds the demo to stated ranges.
+"""Compare the synthetic demo dataset with real recordings: measure both and hold the demo to stated ranges.
 
     python scripts/compare_demo.py DEMO_FOLDER REAL_FOLDER
 
@@ -57,7 +57,7 @@ RANGES: dict[str, tuple[float, float, str]] = {
 
 
 def motion_measures(motion: Motion, words: np.ndarray) -> dict[str, float]:
-    """Wrist speeds, rest, jerk and foot movement of one clip, from world positions by forward kinematics.
+    """Measure wrist speeds, rest, jerk and foot movement of one clip, from world positions by forward kinematics.
 
     words : start and end seconds of the words [shape=(W, 2)]
     """
@@ -96,7 +96,7 @@ def motion_measures(motion: Motion, words: np.ndarray) -> dict[str, float]:
 
 
 def graph_measures(motion: Motion, l_cn: int = 5, l_pn: int = 10) -> dict[str, float]:
-    """Candidates and unnatural edges per frame of the motion graph of one clip (§4.1.2), the obvious way."""
+    """Count candidates and unnatural edges per frame of the motion graph of one clip (§4.1.2), naively."""
     joints = [motion.skeleton.index(name) for name in JOINTS]
     positions = kinematics.relative_positions(motion, joints, joints[0], "root")
     p = positions.astype(np.float32).astype(np.float64).reshape(len(positions), -1)
@@ -116,14 +116,14 @@ def graph_measures(motion: Motion, l_cn: int = 5, l_pn: int = 10) -> dict[str, f
 
 
 def _distances(x: np.ndarray) -> np.ndarray:
-    """Euclidean distances between all rows of `x`."""
+    """Compute the Euclidean distances between all rows of `x`."""
     x = x - x.mean(axis=0)
     squares = (x * x).sum(axis=1)
     return np.sqrt(np.maximum(squares[:, None] + squares[None] - 2.0 * x @ x.T, 0.0))
 
 
 def _count_pruned(candidates: list[np.ndarray], n: int, l_pn: int) -> int:
-    """Unnatural edges left by both prunings; `taken` marks every cell within l_pn of an edge, roles swapped too."""
+    """Count unnatural edges left by both prunings; `taken` marks cells within l_pn of an edge, roles swapped too."""
     taken = np.zeros((n, n), dtype=bool)
 
     def take(a: int, b: int) -> None:
@@ -146,7 +146,7 @@ def _count_pruned(candidates: list[np.ndarray], n: int, l_pn: int) -> int:
 
 
 def read_words(path: Path) -> np.ndarray:
-    """Start and end seconds of the words `[shape=(W, 2)]`, a cell of several words split evenly."""
+    """Read start and end seconds of the words `[shape=(W, 2)]`, a cell of several words split evenly."""
     spans = []
     for line in path.read_text().splitlines():
         start, end, text = line.split("\t")
@@ -156,7 +156,7 @@ def read_words(path: Path) -> np.ndarray:
 
 
 def speech_measures(wav: Path, words: np.ndarray) -> dict[str, float]:
-    """Onsets and words per second of one clip, and its pauses."""
+    """Measure onsets and words per second of one clip, and its pauses."""
     samples, rate = librosa.load(wav, sr=22050)
     envelope = librosa.onset.onset_strength(y=samples, sr=rate, hop_length=512)
     peaks = librosa.onset.onset_detect(onset_envelope=envelope, sr=rate, hop_length=512)
@@ -173,7 +173,7 @@ def speech_measures(wav: Path, words: np.ndarray) -> dict[str, float]:
 
 
 def measure(folder: Path, limit: int | None = None) -> dict[str, tuple[float, float, float]]:
-    """Mean, lowest and highest of every measure over the clips of `folder`."""
+    """Compute mean, lowest and highest of every measure over the clips of `folder`."""
     values: dict[str, list[float]] = {}
     for wav in sorted(folder.glob("*/main-agent/wav/*.wav"))[:limit]:
         split = wav.parent.parent
@@ -189,7 +189,7 @@ def measure(folder: Path, limit: int | None = None) -> dict[str, tuple[float, fl
 
 
 def main(arguments: list[str]) -> int:
-    """Print the table; 1 when the demo leaves a range, 2 for wrong arguments."""
+    """Print the table; return 1 when the demo leaves a range, 2 for wrong arguments."""
     if not 1 <= len(arguments) <= 2:
         print(__doc__)
         return 2

@@ -29,7 +29,7 @@ COLOURS = ("dimgrey", "tab:blue", "tab:orange")
 
 
 class Shown:
-    """A motion by name, with what its trace tells."""
+    """A named motion with the data of its trace."""
 
     def __init__(self, text: str, clip: str):
         self.label, _, place = text.partition("=")
@@ -45,7 +45,7 @@ class Shown:
 
 
 def moments(shown: Shown, count: int) -> dict[str, int]:
-    """Frames worth looking at, by why."""
+    """Select frames worth looking at, by reason."""
     found = {}
     for rank, join in enumerate(sorted(shown.joins, key=lambda join: -join["distance"])[:count]):
         found[f"join_{rank + 1}"] = join["frame"]

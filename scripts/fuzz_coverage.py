@@ -41,7 +41,7 @@ def main() -> int:
 
 
 def fuzz(name: str, runs: int) -> None:
-    """Run one reader; the process ends here."""
+    """Fuzz one reader; the process ends here."""
     import atheris
 
     with atheris.instrument_imports(include=["gesturegen", "yaml"]):

@@ -28,7 +28,7 @@ PAPER, INK, FAINT, SAID = (250, 250, 250), (30, 30, 30), (150, 150, 150), (0, 11
 
 
 def draw(motion: Motion, words: list[tuple[str, float, float]], began: float) -> list[Image.Image]:
-    """Pictures of `SECONDS` of a motion from `began`: front and side view, below them the words as they are said."""
+    """Draw `SECONDS` of a motion from `began`: front and side view, below them the words as they are said."""
     first = round(began * motion.fps)
     taken = motion.take(np.arange(first, min(first + round(SECONDS * motion.fps), motion.n_frames)))
     scene = picture.Scene("", figure.make_figure(taken, ROOT))

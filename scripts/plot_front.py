@@ -1,4 +1,4 @@
-"""What do prices of the global search buy? Run a grid of them on held-out parts and draw the front.
+"""Run a grid of prices of the global search on held-out parts, and draw what each price buys.
 
     python scripts/plot_front.py PARTS WORK front.png [--config configs/best.yaml] [--grid grid.yaml]
 
@@ -43,7 +43,7 @@ TOTALS = {"joins": "hard_joins_per_minute", "frechet": "frechet_velocity_ratio",
 
 
 def settings_of(config, grid: Path | None) -> dict[str, dict[str, float]]:
-    """Overrides by name; the config itself comes first."""
+    """List overrides by name; the config itself comes first."""
     if grid is not None:
         return {"best": {}} | yaml.safe_load(grid.read_text(encoding="utf-8"))
     prices = config.global_search
@@ -57,7 +57,7 @@ def settings_of(config, grid: Path | None) -> dict[str, dict[str, float]]:
 
 
 def pooled(rows: list[dict], key: str) -> float:
-    """The z of several clips together, from what `evaluate` keeps of each."""
+    """Pool the z of several clips from what `evaluate` keeps of each."""
     clips = [(row[key], row[f"{key}_z"]) for row in rows if row.get(key) is not None and row.get(f"{key}_z")]
     return alignment.together([alignment.Surplus(value, value / z, z) for value, z in clips]).z
 
@@ -68,7 +68,7 @@ def figures(rows: list[dict]) -> dict[str, float]:
 
 
 def statue_ratio(config, name: str) -> float:
-    """Fréchet distance of a motionless body to the truth, over that of random stretches."""
+    """Compute the Fréchet distance of a motionless body to the truth, over that of random stretches."""
     measures = import_module("gesturegen.pipeline.evaluate")
     trace = files.read_json(Path(config.paths.work, "reenact", f"{name}.trace.json"))
     truth = measures.locate_file(Path(read_index(config)["tests"][name]["truth"]), config).curves
@@ -76,7 +76,7 @@ def statue_ratio(config, name: str) -> float:
 
 
 def run(parts: list[Path], work: Path, given, settings: dict[str, float]) -> list[tuple]:
-    """Config and figures of every part, gestured with the settings; what needs no search is done once."""
+    """Gesture every part with the settings; return config and figures of each. What needs no search is done once."""
     found = []
     for part in parts:
         sets = [f"paths.data={part}", f"paths.work={work / part.name}", "data.test_split=val", "references.mode=all"]

@@ -26,7 +26,7 @@ KEPT = ("reenact/tst_tiny.trace.json", "reenact/tst_tiny.bvh", "evaluate/metrics
 
 
 def make_inputs(folder: Path) -> None:
-    """One tiny speaker: 8 s of smooth motion of a four-joint arm, a 4 s test, at 8 kHz."""
+    """Make recordings of one tiny speaker: 8 s of smooth motion of a four-joint arm, a 4 s test, at 8 kHz."""
     for split in ("trn", "tst"):
         shutil.rmtree(folder / split, ignore_errors=True)
     rng = np.random.default_rng(2023)

@@ -1,4 +1,4 @@
-"""Compiled loops: the only door to numba and librosa, with a store of compiled code that nothing tears.
+"""Compiled loops: the only modules that import numba and librosa, with a crash-safe store of compiled code.
 
 Compiling takes seconds, so numba keeps what it compiled. Its own files are an index and a data file for each
 function, which two processes that compile at the same time tear apart: the index then names data of another signature,
@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import sys
 from functools import cache
+from pathlib import Path
 from types import ModuleType
 
 import numba
@@ -23,13 +24,13 @@ njit = numba.njit
 
 
 def is_switched_on() -> bool:
-    """Whether loops are compiled at all, and not run as plain Python by NUMBA_DISABLE_JIT=1."""
-    return not numba.config.DISABLE_JIT
+    """Tell whether loops are compiled at all, and not run as plain Python by NUMBA_DISABLE_JIT=1."""
+    return not store.config.DISABLE_JIT
 
 
 @cache
 def load_librosa() -> ModuleType:
-    """Import librosa, whose compiled loops are kept like ours."""
+    """Import librosa, and keep its compiled loops in our store."""
     imported_before = "librosa" in sys.modules
     import librosa
 
@@ -41,8 +42,8 @@ def load_librosa() -> ModuleType:
 
 
 def _import_for_the_homeless() -> None:
-    """Import the part of librosa that asks for the user's home, which is an error for a user who has none."""
-    if os.path.isabs(os.path.expanduser("~")) or os.path.isabs(os.environ.get("XDG_CACHE_HOME", "")):
+    """Import the part of librosa that looks up the user's home, with a substitute for a user without one."""
+    if store.home_folder() is not None or Path(os.environ.get("XDG_CACHE_HOME", "")).is_absolute():
         return
     before = os.environ.get("XDG_CACHE_HOME")
     # It is where examples would be downloaded to, and nothing of ours does that.
@@ -57,7 +58,7 @@ def _import_for_the_homeless() -> None:
 
 
 def adopt(package: ModuleType) -> None:
-    """Keep the loops of a package that the calling program had imported before us in our store from now on."""
+    """Keep the loops of a package that was imported before gesturegen in our store from now on."""
     for name, module in list(sys.modules.items()):
         if name.partition(".")[0] != package.__name__:
             continue

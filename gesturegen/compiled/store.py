@@ -1,4 +1,4 @@
-"""The store of compiled code: one file an entry, written whole or not at all, and taken only when its checksum is right.
+"""The store of compiled code: one file an entry, written all or nothing and read only if its checksum is right.
 
 An entry's name and content tell all it was made of, and an entry is a single file that is replaced in one step: any
 number of processes may read and write at the same time, and whatever is torn, cut off, flipped or missing is compiled
@@ -19,12 +19,15 @@ from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import IO, BinaryIO
+from typing import IO, Any, BinaryIO
 
 import llvmlite.binding
-from numba.core import config
+from numba.core import config as numba_config
 
 from gesturegen import __version__
+
+# numba makes its attributes at run time.
+config: Any = numba_config
 
 _FORMAT = b"gesturegen compiled code 1\n"
 _DIGEST_BYTES = hashlib.sha256().digest_size
@@ -41,13 +44,13 @@ _refusals: dict[Path, str] = {}
 
 
 def folders() -> list[Path]:
-    """Where compiled code may be, the best place first: the user's cache, then a private folder for temporary files."""
+    """List the folders for compiled code, the best first: the user's cache, then a private temporary folder."""
     temporary = Path(os.environ.get("TMPDIR") or "/tmp").absolute() / f"gesturegen-{os.geteuid()}"
     return [base / _made_of() for base in (cache_folder(), temporary) if base is not None]
 
 
 def read(name: str) -> Iterator[BinaryIO]:
-    """Every sound copy of an entry, as an open file in memory."""
+    """Yield every sound copy of an entry, as an open file in memory."""
     for folder in folders():
         payload = _payload(folder, name)
         if payload is not None:
@@ -55,6 +58,7 @@ def read(name: str) -> Iterator[BinaryIO]:
 
 
 def is_sound(name: str) -> bool:
+    """Tell whether there is a sound copy of an entry."""
     return any(_payload(folder, name) is not None for folder in folders())
 
 
@@ -74,7 +78,7 @@ def keep(name: str, payload: bytes) -> bool:
 
 @contextmanager
 def alone(patience: float = 300) -> Iterator[Path | None]:
-    """Hold the lock of the store, which the system gives back when a process dies, after waiting for others to end.
+    """Hold the lock of the store, after waiting for other processes; the system frees it when a process dies.
 
     Yields the folder that entries are written to, None where there is none. The lock saves work and nothing depends on
     it: the block also runs where the file system knows no locks, or when the lock is not given back in `patience`
@@ -85,7 +89,7 @@ def alone(patience: float = 300) -> Iterator[Path | None]:
         if folder is not None:
             _tidy(folder)
             with suppress(OSError):
-                file = stack.enter_context(open(folder / "lock", "a"))
+                file = stack.enter_context((folder / "lock").open("a"))
                 deadline = time.monotonic() + patience
                 while not _locked(file) and time.monotonic() < deadline:
                     time.sleep(0.1)
@@ -93,7 +97,7 @@ def alone(patience: float = 300) -> Iterator[Path | None]:
 
 
 def refusal() -> str:
-    """Why the user's cache takes no entries, in one phrase; empty where it takes them."""
+    """Say in one phrase why the user's cache takes no entries; empty where it takes them."""
     return "; ".join(f"{folder.parent}: {reason}" for folder, reason in _refusals.items())
 
 
@@ -132,19 +136,28 @@ def _tidy(folder: Path) -> None:
 
 
 def cache_folder() -> Path | None:
-    """The folder for caches of numba, or of the user, that is ours; None for a user without a home."""
+    """Find the cache folder of numba, or of the user; None for a user without a home."""
     if config.CACHE_DIR:
         return Path(config.CACHE_DIR).absolute() / "gesturegen"
-    named = os.environ.get("XDG_CACHE_HOME", "")
-    if os.path.isabs(named):
-        return Path(named) / "gesturegen"
-    home = os.path.expanduser("~")
-    return Path(home) / ".cache" / "gesturegen" if os.path.isabs(home) else None
+    named = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    if named.is_absolute():
+        return named / "gesturegen"
+    home = home_folder()
+    return None if home is None else home / ".cache" / "gesturegen"
+
+
+def home_folder() -> Path | None:
+    """Find the home folder of the user; None for a user without one."""
+    try:
+        home = Path.home()
+    except RuntimeError:
+        return None
+    return home if home.is_absolute() else None
 
 
 @cache
 def _made_of() -> str:
-    """A folder name for everything that compiled code depends on beside its source: versions, processor, settings."""
+    """Name a folder for all that compiled code depends on beside its source: versions, processor, settings."""
     processor = config.CPU_NAME or llvmlite.binding.get_host_cpu_name()
     settings = [
         llvmlite.binding.get_process_triple(),
@@ -192,7 +205,7 @@ def _make(folder: Path) -> None:
 
 
 def _is_safe(folder: Path) -> bool:
-    """Whether nobody but this user and root can have put something into `folder`."""
+    """Tell whether nobody but this user and root can have put something into `folder`."""
     try:
         found = os.lstat(folder)
     except OSError:
@@ -202,14 +215,15 @@ def _is_safe(folder: Path) -> bool:
 
 
 def _replace(path: Path, data: bytes) -> None:
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f"{path.name[:40]}-", suffix=".new")
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f"{path.name[:40]}-", suffix=".new")
+    temporary = Path(name)
     try:
-        with open(handle, "wb") as file:
+        with os.fdopen(handle, "wb") as file:
             file.write(data)
         # Entries of root may serve others, as in an image of a container.
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
+        temporary.chmod(0o644)
+        temporary.replace(path)
     except BaseException:
         with suppress(OSError):
-            os.unlink(temporary)
+            temporary.unlink()
         raise

@@ -1,4 +1,4 @@
-"""Methods choose frames of references for speech. Each is one folder here; `METHODS` is the table of all of them."""
+"""The methods, which choose reference frames for speech: one folder each, all of them in the table `METHODS`."""
 
 from gesturegen.methods.baseline.method import Baseline
 from gesturegen.methods.gesture_master.method import GestureMasterMethod

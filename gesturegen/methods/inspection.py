@@ -1,4 +1,4 @@
-"""What the descriptions of all libraries share: clips, frames and key nodes in figures, and the look of plots."""
+"""Shared parts of all descriptions of libraries: figures of clips, frames and key nodes, and the look of plots."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ GREY = "0.6"
 def inspect_frames(
     library: ReferenceFrames, more: Mapping[str, Any] | None = None, lines: Sequence[str] = ()
 ) -> Inspection:
-    """Describe a library of any method; more : facts, and lines, of its own."""
+    """Describe a library of any method; more : further facts of the method, lines : its further lines."""
     kinds = Counter(library.key_nodes.kinds.tolist())
     clips = describe_clips(library)
     facts = {
@@ -41,6 +41,7 @@ def inspect_frames(
 
 
 def describe_clips(graph: ReferenceFrames) -> list[dict]:
+    """Describe each reference clip of a library: name, first node, frames and seconds."""
     ends = np.append(graph.clip_starts[1:], graph.n_nodes)
     return [
         {
@@ -53,11 +54,13 @@ def describe_clips(graph: ReferenceFrames) -> list[dict]:
     ]
 
 
-def new_figure():
+def new_figure() -> Any:
+    """Create an empty matplotlib figure."""
     # Figure itself, not pyplot: no window system is asked for and no state is kept.
     return need("matplotlib.figure", "video").Figure(figsize=(12, 6.2), dpi=110, layout="constrained")
 
 
-def save_figure(figure, title: str, file: BinaryIO) -> None:
+def save_figure(figure: Any, title: str, file: BinaryIO) -> None:
+    """Write a figure with a title as PNG, with the same bytes each time."""
     figure.suptitle(title)
     figure.savefig(file, format="png", metadata={"Software": None})

@@ -1,4 +1,4 @@
-"""Stored libraries: each file says which method it is of."""
+"""Stored libraries of all methods; each file names its method."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ def load(
 
 
 def read(path: str | Path) -> ReferenceFrames:
-    """Read a stored library, whichever method it is of; DataError when it is missing, damaged or none."""
+    """Read a stored library of any method; DataError when the file is missing, damaged or no library."""
     return load(path, method_of(path))
 
 
 def method_of(path: str | Path) -> Method:
-    """The method that a stored library is of; DataError when it is missing, damaged or none."""
+    """Return the method of a stored library; DataError when the file is missing, damaged or no library."""
     if not Path(path).is_file():
         raise DataError(f"{path}: this graph has not been built; run `gesturegen build-graph` first")
     sealing.checksum(path, "build-graph")
@@ -58,7 +58,7 @@ def method_of(path: str | Path) -> Method:
 
 
 def is_current(job: Job, clip_digests: Sequence[str]) -> bool:
-    """Whether what is stored was built of these clips with these settings."""
+    """Tell whether the stored library was built of these clips with these settings."""
     try:
         load(job.path, METHODS[job.config.method], job.config, clip_digests)
     except DataError:

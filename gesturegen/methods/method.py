@@ -1,4 +1,4 @@
-"""The contract of a method: what it has to say of itself, and the steps by which it comes to a path.
+"""The contract of a method: its properties, and the steps that lead from references and speech to a path.
 
 A method is one class in one folder beside this file, entered in `METHODS`. Nothing outside the folder `methods` names
 one. Modules with kernels are imported inside the functions that need them, so that reading a config stays fast.
@@ -6,10 +6,11 @@ one. Modules with kernels are imported inside the functions that need them, so t
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
+from typing import TYPE_CHECKING, Any, BinaryIO, Generic, TypeVar
 
 if TYPE_CHECKING:
     import numpy as np
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from gesturegen.settings.models import Config
     from gesturegen.stored.arrays import Kind
 
+Library = TypeVar("Library", bound="ReferenceFrames")
 # Bytes of a worker with its libraries and compiled loops, and of each reference frame: the recording, the library, and
 # what building it or searching it needs beside them. Measured on demo references of 10 to 60 min, with a margin.
 WORKER_BYTES, BYTES_PER_FRAME = 350e6, 10_000
@@ -29,7 +31,7 @@ WORKER_BYTES, BYTES_PER_FRAME = 350e6, 10_000
 
 @dataclass(frozen=True)
 class Job:
-    """A library that is to be built: with which settings, of which reference clips, and the file it goes to."""
+    """A library that is to be built: its settings, its reference clips, and its file."""
 
     config: Config
     names: tuple[str, ...]
@@ -38,7 +40,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Prepared:
-    """What was done for libraries before they are built, by library: parts, lines to say, errors and bugs."""
+    """Results of the work before libraries are built, by library: parts, lines to say, errors and bugs."""
 
     parts: Mapping[str, Any] = field(default_factory=dict)
     notes: Mapping[str, Sequence[str]] = field(default_factory=dict)
@@ -48,7 +50,7 @@ class Prepared:
 
 @dataclass(frozen=True)
 class Description:
-    """What to say of a library that was built: lines and notes, and patterns in the config that matched nothing in it.
+    """Report on a library that was built: lines and notes, and patterns in the config that match nothing in it.
 
     unmatched : (key of the config, pattern, error)
     """
@@ -60,7 +62,7 @@ class Description:
 
 @dataclass(frozen=True)
 class Inspection:
-    """All figures of a library: facts for JSON, lines for reading, and a function that draws a PNG, None without one."""
+    """All figures of a library: facts for JSON, lines for reading, and a function that draws a PNG, or None."""
 
     facts: dict
     lines: Sequence[str]
@@ -69,7 +71,7 @@ class Inspection:
 
 @dataclass(frozen=True)
 class Material:
-    """What a data set holds for methods: of the references that can be used, and of the tests."""
+    """Properties of a data set that decide what methods can do with it: of usable references, and of tests."""
 
     references: str
     minutes: float
@@ -80,8 +82,8 @@ class Material:
     config: Config
 
 
-class Method(Protocol):
-    """A way to choose frames of references for speech; subclasses say what differs from the defaults here.
+class Method(ABC, Generic[Library]):
+    """A way to choose frames of references for speech; subclasses override what differs from the defaults here.
 
     name : as in the config and in what the method stores
     suffix : of the names of its files in `WORK/graphs`
@@ -105,54 +107,54 @@ class Method(Protocol):
     # --- what it says of a config
 
     def search_name(self, config: Config) -> str:
-        """What it searches with under these settings."""
+        """Return the name of the search under these settings."""
         return self.name
 
     def lacks(self, config: Config) -> str | None:
-        """What of recordings it needs that these settings do not measure, in one line; None when nothing is missing."""
+        """Say in one line what the method needs of recordings that these settings do not measure, or return None."""
         return None
 
     def follows_conditions(self, config: Config) -> bool:
-        """Whether it follows conditions on the hands under these settings."""
+        """Tell whether the method follows conditions on the hands under these settings."""
         return False
 
     def named_clips(self, config: Config) -> Iterable[tuple[str, str, str]]:
-        """Clips that its settings name: (key of the config, name or pattern, `test clip` or `reference clip`)."""
+        """List clips that the settings name: (key of the config, name or pattern, `test clip` or `reference clip`)."""
         return ()
 
     def advice(self, config: Config) -> str:
-        """What a user can do where it found nothing or nothing new."""
+        """Say what a user can do where the method found nothing or nothing new."""
         return "give longer references"
 
     def thrift(self, config: Config) -> str | None:
-        """A setting with which it needs less memory; None where there is none."""
+        """Return a setting with which the method needs less memory; None where there is none."""
         return None
 
     def prospects(self, material: Material) -> Sequence[tuple[str, str, str]]:
-        """What it could do with a data set, for the doctor: (what, `yes`, `limited` or `no`, why)."""
+        """List what the method could do with a data set, for the doctor: (what, `yes`, `limited` or `no`, why)."""
         return ((self.name, "yes", material.references),)
 
     def bytes_needed(self, reference_frames: int, test_frames: int, config: Config, kept_frames: int) -> float:
-        """Bytes that a worker needs at most; kept_frames : of another library, held until the next one is read."""
+        """Estimate the most bytes of a worker; kept_frames : of another library, held until the next one is read."""
         return WORKER_BYTES + BYTES_PER_FRAME * (reference_frames + kept_frames)
 
     # --- the library
 
+    @abstractmethod
     def part(self, reference: Reference, config: Config) -> Any:
-        """What one reference brings to a library; DataError when it is unfit."""
-        ...
+        """Extract one reference's part of a library; DataError when it is unfit."""
 
-    def assemble(self, parts: Sequence[Any], config: Config) -> ReferenceFrames:
-        """The library of several parts; DataError when their skeletons differ."""
-        ...
+    @abstractmethod
+    def assemble(self, parts: Sequence[Any], config: Config) -> Library:
+        """Assemble a library from several parts; DataError when their skeletons differ."""
 
+    @abstractmethod
     def kind(self) -> Kind:
-        """The format of its stored library."""
-        ...
+        """Return the format of the method's stored library."""
 
-    def library_type(self) -> type[ReferenceFrames]:
-        """The class of its library."""
-        ...
+    @abstractmethod
+    def library_type(self) -> type[Library]:
+        """Return the class of the method's library."""
 
     def prepare(
         self, jobs: Mapping[str, Job], todo: Collection[str], run: Callable[[Mapping, str], Outcome]
@@ -163,53 +165,54 @@ class Method(Protocol):
         """
         return Prepared()
 
-    def build(self, job: Job, prepared: Any = None) -> ReferenceFrames:
-        """The library of a job; prepared : its parts, of `prepare`."""
+    def build(self, job: Job, prepared: Any = None) -> Library:
+        """Build the library of a job; prepared : its parts, of `prepare`."""
         from gesturegen.data.stored_clips import load_references
 
         parts = prepared or [self.part(reference, job.config) for reference in load_references(job.config, job.names)]
         return self.assemble(parts, job.config)
 
     def built(self, job: Job) -> None:
-        """Called once the library of a job is stored."""
+        """Finish a job after its library has been stored, such as by deleting intermediate files."""
+        return None
 
     def shown_clips(self, config: Config, names: Sequence[str]) -> Sequence[Reference]:
-        """The clips of a library in the order of its nodes, for rendering what it shows of them."""
+        """Return the clips of a library in the order of its nodes, for rendering what it shows of them."""
         from gesturegen.data.stored_clips import load_references
 
         return load_references(config, names)
 
-    def describe(self, library: ReferenceFrames, config: Config) -> Description:
-        """What `build-graph` says of a library."""
+    def describe(self, library: Library, config: Config) -> Description:
+        """Describe a library for the output of `build-graph`."""
         return Description([f"{library.n_nodes} nodes"])
 
-    def inspect(self, library: ReferenceFrames) -> Inspection:
-        """What `inspect` says of a library."""
+    def inspect(self, library: Library) -> Inspection:
+        """Describe a library for the output of `inspect`."""
         from gesturegen.methods.inspection import inspect_frames
 
         return inspect_frames(library)
 
-    def piece_name(self, library: ReferenceFrames, nodes: Sequence[int]) -> str | None:
-        """The name of what a piece shows as a whole; None where it has none."""
+    def piece_name(self, library: Library, nodes: Sequence[int]) -> str | None:
+        """Return the name of what a piece shows as a whole, such as a gesture clip; None where it has none."""
         return None
 
     def shows_whole_pieces(self) -> bool:
-        """Whether each piece of its paths has a `piece_name`."""
+        """Tell whether each piece of the method's paths has a `piece_name`."""
         return False
 
     # --- the search
 
+    @abstractmethod
     def search(
-        self, library: ReferenceFrames, speech: Speech, config: Config, rng: np.random.Generator,
+        self, library: Library, speech: Speech, config: Config, rng: np.random.Generator,
         earlier: Sequence[Path] = (),
     ) -> Path:  # fmt: skip
-        """A path for a whole test speech; earlier : the paths of other variants, from which it should differ."""
-        ...
+        """Find a path for a whole test speech; earlier : the paths of other variants, from which it should differ."""
 
     def search_all(
-        self, library: ReferenceFrames, speeches: Mapping[str, Speech], config: Config
+        self, library: Library, speeches: Mapping[str, Speech], config: Config
     ) -> dict[str, Path | GesturegenError]:
-        """Paths for many speeches, by name, or what keeps one from having any; the same as one by one."""
+        """Find paths for many speeches, by name, or the error of one that has none; the same as one by one."""
         from gesturegen.errors import GesturegenError
         from gesturegen.randomness import generator
 
@@ -222,13 +225,13 @@ class Method(Protocol):
         return found
 
     def stand_in(
-        self, library: ReferenceFrames, reference: Reference, k: int, config: Config, rng: np.random.Generator
+        self, library: Library, reference: Reference, k: int, config: Config, rng: np.random.Generator
     ) -> Path:
-        """The k-th best path for the speech of a reference that shows something else; only of methods that can."""
+        """Find the k-th best path for a reference's speech that shows something else; only of methods that can."""
         raise NotImplementedError(f"{self.name} shows no k-th best path")
 
-    def objective(self, library: ReferenceFrames, speech: Speech, nodes: np.ndarray, config: Config) -> float:
-        """What a path costs by the objective of the optimal search; NaN where there is none.
+    def objective(self, library: Library, speech: Speech, nodes: np.ndarray, config: Config) -> float:
+        """Compute what a path costs by the objective of the optimal search; NaN where there is none.
 
         nodes : int [shape=(n_frames,)], shown in each frame of the speech
         """
@@ -237,9 +240,9 @@ class Method(Protocol):
     # --- compiled loops
 
     def build_loops(self) -> Mapping[str, Callable[[], object]]:
-        """Functions that compile what building needs, by name, for a start in which nothing is compiled twice."""
+        """Return functions that compile what building needs, by name, so that nothing is compiled twice."""
         return {}
 
     def search_loops(self) -> Mapping[str, Callable[[], object]]:
-        """Functions that compile what searching needs, by name."""
+        """Return functions that compile what searching needs, by name."""
         return {}

@@ -1,4 +1,4 @@
-"""Parts of libraries, each of one recording, made in tasks of their own."""
+"""Parts of libraries, each of one recording, which are made in separate tasks."""
 
 from __future__ import annotations
 
@@ -42,5 +42,5 @@ def _part(method: str, config: Config, recording: str, limit: int | None) -> Any
 
 
 def by_library(problems: Mapping[str, str], users: Mapping[str, Sequence[str]]) -> dict[str, str]:
-    """What failed, by the libraries that need it; users : task -> libraries."""
+    """Group failures by the libraries that need the failed tasks; users : task -> libraries."""
     return {name: problem for title, problem in problems.items() for name in users[title]}

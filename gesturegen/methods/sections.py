@@ -1,4 +1,4 @@
-"""The settings of all methods, as sections of the config, and those of their lists that may stand in files."""
+"""The settings of all methods as sections of the config, and those of their lists that may be kept in files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gesturegen.settings.speech import Correction, Cutting, Rhythm
 
 
 class MethodSections(Section):
-    """What the methods read of a config, each its own sections; `method` is the name of the one that is used."""
+    """The settings of all methods, each in its own sections; `method` is the name of the one that is used."""
 
     method: str = "motion_graph"
     search: Literal["beam", "global"] = "beam"
@@ -27,17 +27,17 @@ class MethodSections(Section):
 
     @property
     def cutting(self) -> Cutting:
-        """How a speech is cut into clips, by which everybody's rhythm is measured."""
+        """Return how speech is cut into clips, by which the rhythm of every method is measured."""
         return self.gesture_master.cutting
 
     @property
     def rhythm(self) -> Rhythm:
-        """How words and hand speeds become bits, by which everybody's rhythm is measured."""
+        """Return how words and hand speeds become bits, by which the rhythm of every method is measured."""
         return self.gesture_master.rhythm
 
     @property
     def window_seconds(self) -> float:
-        """The length of the windows that a refinement network is trained on."""
+        """Return the length of the windows that a refinement network is trained on."""
         return self.motion_matching.sequence_seconds
 
 

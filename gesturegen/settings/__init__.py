@@ -1,1 +1,1 @@
-"""Settings: frozen models, how they are read, and how a mistake is told."""
+"""Settings: frozen models, their reading, and the messages about mistakes in them."""

@@ -1,4 +1,4 @@
-"""What all sections of the settings share: their strictness and the kinds of numbers that they hold."""
+"""The base of all sections of the settings: their strictness and the kinds of numbers that they hold."""
 
 from typing import Annotated
 
@@ -17,4 +17,6 @@ MOST_MISTAKES = 20
 
 
 class Section(BaseModel):
+    """Base of all sections: frozen, and strict about types and unknown keys."""
+
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)

@@ -1,4 +1,4 @@
-"""What is demanded of the hands, and which gestures of a library are to be shown: section `control` and its file."""
+"""Section `control` and its file: conditions on the hands, and gestures of a library that are to be shown."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import itertools
 import math
 import re
 from collections.abc import Callable
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationError, field_validator, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from gesturegen.settings.base import MOST_MISTAKES, NotNegative, Positive, Section
 
@@ -18,7 +18,7 @@ _QUANTILE = re.compile(r"[0-9]+(\.[0-9]+)?%")
 
 
 class Condition(Section):
-    """What a measure of the hands is to be in a time range; a bound is a number or a quantile such as `85%`.
+    """Condition on a measure of the hands in a time range; a bound is a number or a quantile such as `85%`.
 
     Heights, radii and symmetry are in cm, speeds in cm/s, times in seconds; without `to` the range reaches to
     the end of the clip. Only a soft condition has a price, 1 where none is given.
@@ -43,7 +43,7 @@ class Condition(Section):
         raise PydanticCustomError("bound", "a finite number, or a quantile from `0%` to `100%` such as `85%`")
 
     @model_validator(mode="after")
-    def _can_be_met(self):
+    def _can_be_met(self) -> Self:
         if self.to is not None and self.to <= self.from_:
             raise ValueError("`to` must be later than `from`")
         if self.at_least is None and self.at_most is None:
@@ -52,18 +52,18 @@ class Condition(Section):
             raise ValueError("symmetry compares the hands and has none of its own; leave out `hand`")
         if self.hard and self.price is not None:
             raise ValueError("a hard condition has no price; leave it out, or set hard: false")
-        bounds = [self.at_least, self.at_most]
-        quantiles = [_quantile(bound) for bound in bounds]
-        if None not in quantiles:
-            bounds = quantiles
-        # A number and a quantile can be compared once the references are known.
-        if not any(bound is None or isinstance(bound, str) for bound in bounds) and bounds[0] > bounds[1]:
-            raise ValueError(f"at_least {bound_text(self.at_least)} is more than at_most {bound_text(self.at_most)}")
+        least, most = self.at_least, self.at_most
+        if least is not None and most is not None:
+            quantiles = _quantile(least), _quantile(most)
+            low, high = (least, most) if None in quantiles else quantiles
+            # A number and a quantile can be compared once the references are known.
+            if isinstance(low, (int, float)) and isinstance(high, (int, float)) and low > high:
+                raise ValueError(f"at_least {bound_text(least)} is more than at_most {bound_text(most)}")
         return self
 
 
 def _quantile(bound: Any) -> float | None:
-    """0 to 1 for a text from `0%` to `100%`; None for anything else."""
+    """Parse a text from `0%` to `100%` as 0 to 1; None for anything else."""
     if not isinstance(bound, str) or not _QUANTILE.fullmatch(bound):
         return None
     share = float(bound[:-1]) / 100
@@ -71,12 +71,12 @@ def _quantile(bound: Any) -> float | None:
 
 
 def bound_text(bound: float | str) -> str:
-    """A bound as it is written."""
+    """Format a bound as it is written in a config."""
     return bound if isinstance(bound, str) else f"{bound:g}"
 
 
 def resolve_bound(bound: float | str | None, missing: float, quantile: Callable[[float], float]) -> float:
-    """The number that a bound stands for; `missing` where there is none.
+    """Return the number that a bound stands for; `missing` where there is none.
 
     quantile : what of the references a share from 0 to 1 lies below
     """
@@ -87,19 +87,19 @@ def resolve_bound(bound: float | str | None, missing: float, quantile: Callable[
 
 
 def shared_time(one: Condition, other: Condition) -> tuple[float, float] | None:
-    """From when to when both conditions hold, in seconds (inf for the end of the clip); None for never."""
+    """Find from when to when both conditions hold, in seconds (inf for the end of the clip); None for never."""
     ends = [math.inf if condition.to is None else condition.to for condition in (one, other)]
     start, end = max(one.from_, other.from_), min(ends)
     return (start, end) if start < end else None
 
 
 def time_text(start: float, end: float) -> str:
-    """A time range in seconds, in words."""
+    """Format a time range in seconds, in words."""
     return f"from {start:g} s on" if math.isinf(end) else f"from {start:g} to {end:g} s"
 
 
 class KeywordGesture(Section):
-    """A gesture of the library that is to be shown at a time, or wherever a word is said."""
+    """Gesture of the library that is to be shown at a time, or wherever a word is said."""
 
     clip: str = "*"
     word: str | None = None
@@ -114,14 +114,14 @@ class KeywordGesture(Section):
         return word
 
     @model_validator(mode="after")
-    def _one_place(self):
+    def _one_place(self) -> Self:
         if (self.word is None) == (self.at is None):
             raise ValueError("give one of word and at")
         return self
 
 
 class Schedule(Section):
-    """What a control file holds: what is demanded of the hands, and which gestures are to be shown."""
+    """The contents of a control file: conditions on the hands, and gestures that are to be shown."""
 
     # Each is compared with each other.
     conditions: Annotated[tuple[Condition, ...], Field(max_length=1000)] = ()
@@ -130,7 +130,7 @@ class Schedule(Section):
     @field_validator("conditions")
     @classmethod
     def _one_at_a_time(cls, conditions: tuple[Condition, ...]) -> tuple[Condition, ...]:
-        mistakes = []
+        mistakes: list[InitErrorDetails] = []
         for (first, one), (second, other) in itertools.combinations(enumerate(conditions), 2):
             time = shared_time(one, other)
             if time and (one.clip, one.measure, one.hand) == (other.clip, other.measure, other.hand):

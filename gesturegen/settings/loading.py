@@ -1,4 +1,4 @@
-"""Settings are read from YAML files, laid one over another, and completed by the files that they name."""
+"""Reading of settings: YAML files, laid one over another, and completed by the files that they name."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gesturegen.settings.speech import Keywords
 
 
 def configs_folder() -> Path:
-    """The folder of the configs that come with gesturegen: inside an installed wheel, else of the checkout."""
+    """Find the folder of the configs that come with gesturegen: inside an installed wheel, else of the checkout."""
     package = Path(__file__).parent.parent
     inside = package / "configs"
     return inside if inside.is_dir() else package.parent / "configs"
@@ -29,7 +29,7 @@ def configs_folder() -> Path:
 def load_config(
     path: str | Path | None = None, overrides: Sequence[str] = (), folders: Mapping[str, str] | None = None
 ) -> Config:
-    """Settings from a YAML file (the defaults without one), then `key.path=value` overrides in order.
+    """Load settings from a YAML file (the defaults without one), then apply `key.path=value` overrides in order.
 
     folders : key path -> folder name, taken to the letter, for options that name a folder
 
@@ -57,7 +57,7 @@ def load_config(
 
 
 def layer_config(base: Config, changes: Mapping, lines: dict[tuple, int], path: str | Path) -> Config:
-    """`base` with changes that stand in a YAML file, at these lines of it; ConfigError as by `load_config`."""
+    """Apply changes that stand in a YAML file, at these lines of it, to `base`; ConfigError as by `load_config`."""
     values = json.loads(base.model_dump_json(by_alias=True))
     if "keywords" in changes:
         values["keywords"] = {}  # the base's words were read in, and would win over another file
@@ -70,13 +70,13 @@ def layer_config(base: Config, changes: Mapping, lines: dict[tuple, int], path: 
 
 
 def _section(values: Mapping, name: str) -> dict:
-    """A section of a file that is not validated yet; empty where it is missing or no section."""
+    """Return a section of a file that is not validated yet; empty where it is missing or no section."""
     section = values.get(name)
     return section if isinstance(section, dict) else {}
 
 
 def _merged(values: dict, changes: Mapping) -> dict:
-    """`values` with `changes` laid over them, section by section."""
+    """Return `values` with `changes` laid over them, section by section."""
     merged = dict(values)
     for key, value in changes.items():
         both = isinstance(value, dict) and isinstance(values.get(key), dict)
@@ -85,7 +85,7 @@ def _merged(values: dict, changes: Mapping) -> dict:
 
 
 def load_plan_file(path: str | Path) -> tuple[PlanFile, dict[tuple, int]]:
-    """A plan of setups and seeds, and the line of each of its keys; ConfigError as by `load_config`."""
+    """Load a plan of setups and seeds, and the line of each of its keys; ConfigError as by `load_config`."""
     values, lines = strict_yaml.read_mapping(path, "give an existing plan of setups with --config")
     return validated(PlanFile, values, inputs.shown(path), lines), lines
 
@@ -124,7 +124,7 @@ def _with_files(config: Config, folder: Path | None) -> Config:
 
 
 def _beside(name: str, folder: Path | None, key: str) -> Path:
-    """A file named in a config: beside the config, or by its path."""
+    """Locate a file named in a config: beside the config, or by its path."""
     places = [place / name for place in ([folder] if folder else []) + [Path()]]
     path = next((place for place in places if inputs.is_file(place)), None)
     if path is None:
@@ -135,7 +135,7 @@ def _beside(name: str, folder: Path | None, key: str) -> Path:
 
 
 def _read_list(path: Path, model: type[Section], settings: Section, rows: str) -> tuple:
-    """The rows of a CSV file as models that `settings` may hold in `rows`; the columns are the model's keys."""
+    """Read the rows of a CSV file as models that `settings` may hold in `rows`; the columns are the model's keys."""
     columns = {field.alias or name: field.is_required() for name, field in model.model_fields.items()}
     found = []
     for line, row in strict_csv.read_rows(path, columns, "check the path"):
@@ -188,7 +188,7 @@ def _with_control(config: Config, folder: Path | None) -> Config:
 
 
 def _lower_cased(words: Mapping[str, str], where: str) -> dict[str, str]:
-    """Words as transcripts have them after normalization; ConfigError for what can never match."""
+    """Convert words to the form that normalized transcripts have; ConfigError for what can never match."""
     lower: dict[str, str] = {}
     for word, keyword in sorted(words.items()):
         if not word.strip() or len(word.split()) != 1:

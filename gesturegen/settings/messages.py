@@ -1,4 +1,4 @@
-"""How a mistake in the settings is told: the file, the line, the key, what was found and what is allowed."""
+"""Messages about mistakes in settings: the file, the line, the key, what was found and what is allowed."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from difflib import get_close_matches
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from gesturegen import inputs
 from gesturegen.errors import ConfigError
@@ -18,6 +19,7 @@ from gesturegen.settings.base import MOST_MISTAKES, Section
 def validated(
     model: type[Section], values: dict, origin: str, lines: dict[tuple, int], set_keys: Collection[tuple] = ()
 ) -> Any:
+    """Validate values as a model; ConfigError with one line a mistake, with the line in the file or `--set`."""
     try:
         return model.model_validate_json(json.dumps(values, default=str))
     except ValidationError as error:
@@ -29,15 +31,15 @@ def validated(
         raise ConfigError("\n".join(dict.fromkeys(mistakes))) from None
 
 
-def _of_other_member(problem: dict) -> bool:
-    """Whether a list of joints is called no `all`: a list is wrong for its elements only."""
+def _of_other_member(problem: ErrorDetails) -> bool:
+    """Tell whether an error only says that a list of joints is not `all`: a list is wrong for its elements only."""
     return (
         problem["loc"][:1] == ("joints",) and problem["type"] == "literal_error" and isinstance(problem["input"], list)
     )
 
 
-def _key(problem: dict) -> tuple:
-    """The path of the key that one of pydantic's errors is about."""
+def _key(problem: ErrorDetails) -> tuple:
+    """Return the path of the key that one of pydantic's errors is about."""
     # What is wrong with several sections together names the key to look at.
     key = tuple(problem["loc"]) or tuple(problem.get("ctx", {}).get("key", "").split("."))
     if key[:1] == ("joints",):
@@ -47,14 +49,14 @@ def _key(problem: dict) -> tuple:
 
 
 def _line(key: tuple, lines: dict[tuple, int]) -> int | None:
-    """The line of a key, or of the nearest section around it that is in the file."""
+    """Return the line of a key, or of the nearest section around it that is in the file."""
     return next((lines[key[:n]] for n in range(len(key), 0, -1) if key[:n] in lines), None)
 
 
 def _describe(
-    problem: dict, top: type[Section], origin: str, lines: dict[tuple, int], set_keys: Collection[tuple]
+    problem: ErrorDetails, top: type[Section], origin: str, lines: dict[tuple, int], set_keys: Collection[tuple]
 ) -> str:
-    """One line for one of pydantic's errors."""
+    """Describe one of pydantic's errors in one line."""
     key = _key(problem)
     if any(key[: len(parts)] == parts[: len(key)] for parts in set_keys):
         where = "--set"
@@ -63,9 +65,9 @@ def _describe(
         where = f"{origin}:{line}" if line else origin
     name = ".".join(str(part) for part in key) or "the whole file"
     if problem["type"] == "extra_forbidden":
-        allowed = _keys_beside(key, top)
-        near = get_close_matches(str(key[-1])[:100], allowed, n=1, cutoff=0.5)
-        hint = f"did you mean {near[0]!r}?" if near else f"allowed here: {', '.join(allowed)}"
+        known = _keys_beside(key, top)
+        near = get_close_matches(str(key[-1])[:100], known, n=1, cutoff=0.5)
+        hint = f"did you mean {near[0]!r}?" if near else f"allowed here: {', '.join(known)}"
         return f"{where}: unknown key {inputs.shown(name)!r}; {hint}"
     if problem["type"] == "missing":
         return f"{where}: {name}: missing; add this key"
@@ -78,19 +80,20 @@ def _describe(
 
 
 def allowed_text(message: str) -> str:
-    """pydantic's words, which are JSON's, in those of YAML."""
+    """Rephrase a message of pydantic, which is in terms of JSON, in terms of YAML."""
     message = message.removeprefix("Value error, ").removeprefix("Input should be ")
     message = message.replace("an object", "a section").replace("a valid array", "a list")
     return message[0].lower() + message[1:]
 
 
 def brief(found: Any) -> str:
+    """Format a value that was found for a message, cut when it is long."""
     text = inputs.shown(json.dumps(found, ensure_ascii=False))
     return text if len(text) <= 80 else text[:77] + "..."
 
 
 def _hint(found: Any, problem: str) -> str:
-    """What is meant, perhaps, by a text that other readers of YAML take for a number or for a bool."""
+    """Guess what is meant by a text that other readers of YAML take for a number or for a bool."""
     if problem == "string_type" and isinstance(found, (bool, int, float)):
         return " (put it in quotes)"
     if not isinstance(found, str) or not problem.startswith(("int_", "float_", "bool_", "bound")):
@@ -99,7 +102,7 @@ def _hint(found: Any, problem: str) -> str:
 
 
 def _keys_beside(key: tuple, top: type[Section]) -> list[str]:
-    """The keys that the section around `key` does have."""
+    """List the keys that the section around `key` does have."""
     model: Any = top
     for part in key[:-1]:
         if isinstance(part, int):
@@ -110,7 +113,7 @@ def _keys_beside(key: tuple, top: type[Section]) -> list[str]:
 
 
 def _section_within(annotation: Any) -> Any:
-    """The model that a field is, or that its list is of."""
+    """Return the model that a field is, or that its list is of."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     return next(filter(None, map(_section_within, get_args(annotation))), None)

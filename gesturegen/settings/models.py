@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
@@ -34,11 +34,15 @@ UNITS = {"cm": 1.0, "m": 100.0, "mm": 0.1, "inch": 2.54}
 
 
 class Paths(Section):
+    """Section `paths`: the folder of the dataset, and the folder that everything is written to."""
+
     data: str = "data"
     work: str = "work"
 
 
 class Data(Section):
+    """Section `data`: the splits of the dataset, or folders of recordings in place of them."""
+
     reference_split: str = "trn"
     test_split: str = "tst"
     truth_split: str | None = None
@@ -47,6 +51,8 @@ class Data(Section):
 
 
 class MotionFiles(Section):
+    """Section `motion`: unit and vertical axis of BVH files, and how much one performer's skeletons may differ."""
+
     unit: float | str = "auto"
     up_axis: Literal["auto", "y", "z"] = "auto"
     same_skeleton: Annotated[float, Field(ge=0, lt=0.1)] = 0.01
@@ -88,6 +94,8 @@ class SkeletonRoles(Section):
 
 
 class Wrists(Section):
+    """Section `wrists`: the lock and the filter of wrist rotations against poor hand tracking (§3)."""
+
     enabled: bool = True
     joints: tuple[str, ...] = ("b_l_wrist", "b_r_wrist", "b_l_wrist_twist", "b_r_wrist_twist")
     axes: Literal["XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"] = "XYZ"
@@ -95,32 +103,36 @@ class Wrists(Section):
     order: Annotated[int, Field(ge=0)] = 3
 
     @model_validator(mode="after")
-    def _filter_exists(self):
+    def _filter_exists(self) -> Self:
         if self.window % 2 == 0 or self.order >= self.window:
             raise ValueError("window must be odd and larger than order")
         return self
 
 
 class ExcludedRange(Section):
+    """A time range in seconds of a recording that is left out."""
+
     clip: str
     from_: Annotated[float, Field(ge=0, alias="from")]
     to: Positive
 
     @model_validator(mode="after")
-    def _not_empty(self):
+    def _not_empty(self) -> Self:
         if self.to <= self.from_:
             raise ValueError("`to` must be later than `from`")
         return self
 
 
 class References(Section):
+    """Section `references`: which reference clips serve which test clip, and how much of them."""
+
     mode: Literal["per_test_clip", "k", "speaker", "all", "list"] = "per_test_clip"
     k: Count = 1
     list_file: Annotated[str | None, Field(alias="list")] = None
     seconds: Positive | None = None
 
     @model_validator(mode="after")
-    def _list_given(self):
+    def _list_given(self) -> Self:
         if self.mode == "list" and self.list_file is None:
             raise ValueError(
                 "mode `list` needs the key `references.list`, a YAML file that pins references to test clips"
@@ -129,16 +141,22 @@ class References(Section):
 
 
 class Breaks(Section):
+    """Section `breaks`: the joint speed that marks a tracking jump, at which a segment ends."""
+
     max_joint_speed: Positive | None = None
 
 
 class Positions(Section):
+    """Section `positions`: the space in which poses are compared, and its scale."""
+
     relative_to: Literal["root", "root_heading", "world"] = "root"
     root_joint: str = "b_root"
     scale: Positive = 1.0
 
 
 class Continuity(Section):
+    """Section `continuity`: the parameters of continuity analysis and pruning (§4.1.2)."""
+
     lambda_pos: NotNegative = 1.0
     lambda_vel: NotNegative = 1.0
     l_cn: Count = 5
@@ -146,6 +164,8 @@ class Continuity(Section):
 
 
 class Refiner(Section):
+    """Section `refiner`: the training of the network that refines k-NN motion matching, and its file."""
+
     checkpoint: str | None = None
     w_reconstruction: NotNegative = 0.1
     w_adversarial: NotNegative = 1.0
@@ -162,6 +182,8 @@ class Refiner(Section):
 
 
 class Blend(Section):
+    """Section `blend`: how motion is blended at joins."""
+
     method: Literal["crossfade", "inertialize", "least_change", "least_jerk", "overlap"] = "crossfade"
     l_blend: Annotated[int, Field(ge=0)] = 8
     curve: Literal["linear", "sigmoid", "smoothstep"] = "linear"
@@ -171,24 +193,30 @@ class Blend(Section):
 
 
 class Smoothing(Section):
+    """Section `smoothing`: the Savitzky-Golay filter over the finished motion."""
+
     enabled: bool = False
     window: Annotated[int, Field(ge=3)] = 7
     limb_order: Annotated[int, Field(ge=0)] = 2
     order: Annotated[int, Field(ge=0)] = 1
 
     @model_validator(mode="after")
-    def _filter_exists(self):
+    def _filter_exists(self) -> Self:
         if self.window % 2 == 0 or max(self.order, self.limb_order) >= self.window:
             raise ValueError("window must be odd and larger than order and limb_order")
         return self
 
 
 class Root(Section):
+    """Section `root`: what becomes of the place of the body at joins."""
+
     mode: Literal["return", "absolute"] = "return"
     return_half_life: Positive = 3.0
 
 
 class Feet(Section):
+    """Section `feet`: whether and how feet are held in place while they stand."""
+
     lock: bool = False
     joints: tuple[str, ...] = ("b_l_foot", "b_r_foot")
     release_half_life: Positive = 0.3
@@ -198,6 +226,8 @@ class Feet(Section):
 
 
 class Evaluation(Section):
+    """Section `evaluation`: the parameters of the measures."""
+
     bc_sigma: Positive = 0.1
     div_min_angle: Annotated[float, Field(gt=0, lt=180)] = 45.0
     div_speed_floor: NotNegative = 0.1
@@ -231,7 +261,7 @@ PLACES = (
 
 
 def no_control() -> str:
-    """What is wrong with conditions under settings whose method cannot follow them."""
+    """Say what is wrong with conditions under settings whose method cannot follow them."""
     able = " or ".join(method.control for method in METHODS.values() if method.control)
     return f"control of the hands needs {able}; choose one of them or leave conditions out"
 
@@ -284,25 +314,25 @@ class Config(MethodSections):
         return name
 
     @model_validator(mode="after")
-    def _measured(self):
+    def _measured(self) -> Self:
         if (lacking := METHODS[self.method].lacks(self)) is not None:
             raise PydanticCustomError("value_error", "{lacking}", {"lacking": lacking, "key": "method"})
         return self
 
     @model_validator(mode="after")
-    def _can_be_controlled(self):
+    def _can_be_controlled(self) -> Self:
         if self.control.conditions and not self.controls:
             raise PydanticCustomError("value_error", no_control(), {"key": "control"})
         return self
 
     @property
     def roles(self) -> tuple[tuple[str, str | tuple[str, ...]], ...]:
-        """The roles of joints that are set by name: (role, joint or joints)."""
+        """Return the roles of joints that are set by name: (role, joint or joints)."""
         return tuple((role, name) for role, name in self.skeleton if name is not None)
 
     @property
     def hands(self) -> Control:
-        """Section `control` with the wrists that section `skeleton` names, where `left` and `right` are the default."""
+        """Return section `control` with the wrists of section `skeleton` where `left` and `right` are the default."""
         default = Control()
         named = {"left": self.skeleton.left_wrist, "right": self.skeleton.right_wrist}
         changes = {k: name for k, name in named.items() if name and getattr(self.control, k) == getattr(default, k)}
@@ -310,16 +340,16 @@ class Config(MethodSections):
 
     @property
     def controls(self) -> bool:
-        """Whether the search can follow conditions; gestures of a library can be shown whatever it is."""
+        """Tell whether the search can follow conditions; gestures of a library can be shown whatever it is."""
         return METHODS[self.method].follows_conditions(self)
 
     @property
     def search_name(self) -> str:
-        """What the method searches with."""
+        """Return the name of the method's search."""
         return METHODS[self.method].search_name(self)
 
     def section_json(self, *keys: str) -> str:
-        """Canonical JSON of some settings (`"continuity"`, `"onsets.min_strength"`), for stored files."""
+        """Format some settings (`"continuity"`, `"onsets.min_strength"`) as canonical JSON, for stored files."""
         values = json.loads(self.model_dump_json(by_alias=True))
         chosen = {}
         for key in keys:
@@ -330,7 +360,7 @@ class Config(MethodSections):
         return json.dumps(chosen, sort_keys=True)
 
     def signature(self) -> str:
-        """Twelve hexadecimal digits that name the settings, wherever they were read and files are kept."""
+        """Return twelve hexadecimal digits that name the settings, wherever they were read and files are kept."""
         values = json.loads(self.model_dump_json(by_alias=True))
         for key in PLACES:
             *sections, name = key.split(".")
@@ -355,7 +385,7 @@ class Grid(Section):
 
 
 class PlanFile(Section):
-    """What a plan of setups and seeds holds; see `configs/ablation.yaml`.
+    """The contents of a plan of setups and seeds; see `configs/ablation.yaml`.
 
     setups : file names, or `{name: settings}`; the setups of the grid follow them
     """
@@ -373,7 +403,7 @@ class PlanFile(Section):
         return values
 
     @model_validator(mode="after")
-    def _any_setup(self) -> PlanFile:
+    def _any_setup(self) -> Self:
         if self.setups is None and self.grid is None:
             raise ValueError("there are no setups; add the key `setups`, or `grid`")
         return self

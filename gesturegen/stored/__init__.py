@@ -1,4 +1,4 @@
-"""What is stored between commands: written with a checksum, and checked once, on reading, against what is declared.
+"""Files stored between commands: written with a checksum, and checked once, on reading, against a declaration.
 
 Arrays are declared as a `Kind` beside the code that uses them, JSON files as models in `documents`.
 """

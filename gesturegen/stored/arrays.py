@@ -1,4 +1,4 @@
-"""Stored arrays: what a kind of `.npz` holds, declared in one table, and the check of a file against it."""
+"""Stored arrays: a table declares what each kind of `.npz` holds, and files are checked against it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -27,7 +28,7 @@ Check = Callable[[np.ndarray, Mapping[str, int]], str | None]
 
 @dataclass(frozen=True)
 class Array:
-    """What an array has to be.
+    """Declaration of one stored array.
 
     dtype : `f4`, `f8`, `i4`, `i8`, `bool` or `str`, of this machine's byte order
     shape : sizes by name, the same for all arrays of a file, or as numbers: `N J 3`, `N+1`; nothing for one value
@@ -43,7 +44,7 @@ class Array:
 
 @dataclass(frozen=True)
 class Kind:
-    """What a stored file holds.
+    """Declaration of a kind of stored file.
 
     what : what messages call it; command : what writes it; version : what `format_version` must be, None without one
     relations : what is wrong between arrays that by themselves are as they should be
@@ -60,9 +61,9 @@ class Kind:
 
 
 def within(low: float, high: float, nan: bool = False) -> Check:
-    """Every value is from `low` to `high`, or, where allowed, NaN."""
+    """Make a check that every value is from `low` to `high` or, where allowed, NaN."""
 
-    def check(array: np.ndarray, sizes: Mapping[str, int]) -> str | None:
+    def check(array: np.ndarray, _sizes: Mapping[str, int]) -> str | None:
         lowest, highest = (np.fmin, np.fmax) if nan else (np.minimum, np.maximum)
         for block in _blocks(array):
             least, most = lowest.reduce(block), highest.reduce(block)
@@ -81,30 +82,30 @@ not_negative = within(0, LARGEST)
 
 
 def below(size: str) -> Check:
-    """Every value is a number from 0 to before a size."""
+    """Make a check that every value is a number from 0 to before a size."""
     return lambda array, sizes: within(0, sizes[size] - 1)(array, sizes)
 
 
 def up_to(size: str) -> Check:
-    """Every value is a number from 0 to a size."""
+    """Make a check that every value is a number from 0 to a size."""
     return lambda array, sizes: within(0, sizes[size])(array, sizes)
 
 
 def rising(size: str) -> Check:
-    """Values rise strictly, from 0 on, below a size."""
+    """Make a check that values rise strictly, from 0 on, below a size."""
 
     return lambda array, sizes: rising_numbers(array, sizes) or below(size)(array, sizes)
 
 
 def rising_numbers(array: np.ndarray, sizes: Mapping[str, int]) -> str | None:
-    """Values rise strictly, from 0 on."""
+    """Check that values rise strictly, from 0 on."""
     if not (array[1:] > array[:-1]).all():
         return "does not rise"
     return not_negative(array, sizes)
 
 
 def starts(size: str) -> Check:
-    """Values begin at 0 and rise strictly, below a size."""
+    """Make a check that values begin at 0 and rise strictly, below a size."""
 
     def check(array: np.ndarray, sizes: Mapping[str, int]) -> str | None:
         if len(array) == 0 or array[0] != 0:
@@ -115,7 +116,7 @@ def starts(size: str) -> Check:
 
 
 def pointers(size: str) -> Check:
-    """Values begin at 0, never fall and end at a size."""
+    """Make a check that values begin at 0, never fall and end at a size."""
 
     def check(array: np.ndarray, sizes: Mapping[str, int]) -> str | None:
         if array[0] != 0 or array[-1] != sizes[size] or not (array[1:] >= array[:-1]).all():
@@ -126,9 +127,9 @@ def pointers(size: str) -> Check:
 
 
 def among(*texts: str) -> Check:
-    """Every text is one of these."""
+    """Make a check that every text is one of the given ones."""
 
-    def check(array: np.ndarray, sizes: Mapping[str, int]) -> str | None:
+    def check(array: np.ndarray, _sizes: Mapping[str, int]) -> str | None:
         strange = sorted(set(np.unique(array).tolist()) - set(texts))
         return f"holds {strange[0]!r}, expected {', '.join(texts)}" if strange else None
 
@@ -149,8 +150,10 @@ _looked_at: dict[tuple[str, str, tuple[str, ...] | None], tuple[int, ...]] = {}
 def write(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
     """Store arrays with a checksum, uncompressed: the same arrays give the same bytes."""
 
-    def fill(file) -> None:
-        np.savez(file, **arrays)
+    named: dict[str, Any] = dict(arrays)  # else taken for the options of savez
+
+    def fill(file: BinaryIO) -> None:
+        np.savez(file, **named)
         seal_archive(file)
 
     files.write_bytes(path, fill)
@@ -159,7 +162,7 @@ def write(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
 def read(
     path: str | Path, kind: Kind, only: Collection[str] | None = None, mapped: bool = False
 ) -> dict[str, np.ndarray]:
-    """The arrays of a stored file, or those named in `only`, as the kind declares them.
+    """Read the arrays of a stored file, or those named in `only`, and check them against the kind's declaration.
 
     mapped : large ones stay on disk until they are looked at
     Each process looks at each state of a file once. Raises DataError for a file that cannot be read, DamagedError for
@@ -168,7 +171,7 @@ def read(
     path = Path(path)
     checksum(path, kind.command)
     names = None if only is None else {*only, "format_version"}
-    found = files.map_arrays(path, *([] if mapped else [math.inf]), only=names)
+    found = files.map_arrays(path, only=names) if mapped else files.map_arrays(path, math.inf, only=names)
     looked = str(path), kind.what, None if only is None else tuple(sorted(only))
     state = file_state(path)
     if _looked_at.get(looked) != state:
@@ -192,7 +195,7 @@ def _require_version(path: Path, kind: Kind, version: np.ndarray | None) -> None
 
 
 def _problem(found: Mapping[str, np.ndarray], kind: Kind, only: Collection[str] | None) -> str | None:
-    """What is wrong with the arrays of a file, the first thing; None when nothing is."""
+    """Say what is wrong with the arrays of a file, the first thing; None when nothing is."""
     if strange := sorted(found.keys() - kind.arrays.keys() - {"format_version"}):
         return f"an array {strange[0][:40]!r}, which no {kind.what} has"
     groups = {kind.arrays[name].group for name in found if name in kind.arrays}
@@ -207,12 +210,11 @@ def _problem(found: Mapping[str, np.ndarray], kind: Kind, only: Collection[str] 
     for name, array in found.items():
         if name in kind.arrays and (problem := _wrong_value(array, kind.arrays[name], sizes)):
             return f"{name} {problem}"
-    whole = only is None and kind.relations is not None
-    return kind.relations(found) if whole else None
+    return kind.relations(found) if only is None and kind.relations is not None else None
 
 
 def _misfit(array: np.ndarray, declared: Array, sizes: dict[str, int]) -> str | None:
-    """What is wrong with dtype and shape; sizes that are new get the value that they have here."""
+    """Say what is wrong with dtype and shape; sizes that are new get the value that they have here."""
     native = array.dtype.isnative and (
         array.dtype.kind == "U" if declared.dtype == "str" else array.dtype == np.dtype(declared.dtype)
     )
@@ -222,7 +224,9 @@ def _misfit(array: np.ndarray, declared: Array, sizes: dict[str, int]) -> str | 
     if array.ndim != len(wanted):
         return f"has {array.ndim} dimensions, expected {len(wanted)}"
     for size, term in zip(array.shape, wanted, strict=True):
-        name, more = re.fullmatch(r"(\w+)(\+1)?", term).groups()
+        matched = re.fullmatch(r"(\w+)(\+1)?", term)
+        assert matched is not None, f"{term} is no size"
+        name, more = matched.groups()
         expected = int(name) if name.isdecimal() else sizes.setdefault(name, size - bool(more))
         if size != expected + bool(more) or expected < 0:
             return f"has shape {array.shape}, expected {declared.shape} with {term} = {expected + bool(more)}"

@@ -33,20 +33,20 @@ def seal_archive(file: BinaryIO) -> None:
     file.seek(-2, os.SEEK_END)
     file.write(struct.pack("<H", _COMMENT_BYTES))
     file.seek(0)
-    digest = hashlib.file_digest(file, "sha256").hexdigest()
+    digest = hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type] # BinaryIO lacks readinto
     file.seek(0, os.SEEK_END)
     file.write(_MARK + digest.encode())
 
 
 def sealed_text(text: str) -> str:
-    """The text of a JSON object, which ends in a line of its own, with its checksum as the last entry."""
+    """Add the checksum of a JSON object's text, which ends in a line of its own, to it as the last entry."""
     if not text.endswith("\n}\n"):
         raise ValueError("the text of an object must end in a line with its bracket")
     return f'{text[:-3]},\n "checksum": "{hashlib.sha256(text.encode()).hexdigest()}"\n}}\n'
 
 
 def unsealed_text(path: str | Path, data: bytes, command: str) -> bytes:
-    """What `sealed_text` was given; DamagedError when it has no checksum or another one."""
+    """Return the text that `sealed_text` was given; DamagedError for a missing or wrong checksum."""
     found = _LAST_ENTRY.search(data[-100:])
     if found is None:
         raise damaged(path, _MISSING, command)
@@ -57,7 +57,7 @@ def unsealed_text(path: str | Path, data: bytes, command: str) -> bytes:
 
 
 def checksum(path: str | Path, command: str) -> str:
-    """The checksum that a sealed archive carries, after a look whether it is that of its bytes.
+    """Read the checksum that a sealed archive carries, and verify that it is that of its bytes.
 
     Each process reads each state of a file once. Raises DataError for a file that cannot be read, DamagedError for one
     without a checksum or with another one. command : what makes it again
@@ -67,7 +67,7 @@ def checksum(path: str | Path, command: str) -> str:
         state = file_state(path)
         before, digest = _known.get(str(path), (None, ""))
         if before != state:
-            with open(path, "rb") as file:
+            with path.open("rb") as file:
                 digest = _checked_digest(file, path, command)
             _known[str(path)] = state, digest
         return digest
@@ -76,7 +76,7 @@ def checksum(path: str | Path, command: str) -> str:
 
 
 def file_state(path: Path) -> tuple[int, ...]:
-    """What changes when a file is written; OSError where there is none."""
+    """Return properties of a file that change when it is written; OSError where there is none."""
     found = path.stat()
     if not stat.S_ISREG(found.st_mode):
         raise OSError(0, "not a file")
@@ -100,7 +100,7 @@ def _checked_digest(file: BinaryIO, path: Path, command: str) -> str:
 
 
 def read_png(path: str | Path, command: str) -> bytes:
-    """The bytes of a PNG file, whose parts have checksums of their own; DamagedError when one is not right."""
+    """Read the bytes of a PNG file, whose parts have checksums of their own; DamagedError when one is wrong."""
     try:
         data = Path(path).read_bytes()
     except OSError as error:
@@ -118,9 +118,10 @@ def read_png(path: str | Path, command: str) -> bytes:
 
 
 def damaged(path: str | Path, reason: str, command: str) -> DamagedError:
+    """Create the error about a damaged file, which names the command that makes it again."""
     return DamagedError(f"{path}: damaged ({reason}); run `gesturegen {command}` again")
 
 
 def remade(error: DamagedError) -> str:
-    """What to say of a damaged file that was not used but made again."""
+    """Describe a damaged file that was not used but made again."""
     return str(error).rpartition("; ")[0] + "; it was made again"

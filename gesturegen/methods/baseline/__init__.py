@@ -1,1 +1,1 @@
-"""Recorded motion without any search, to compare methods with."""
+"""Baselines: recorded motion without any search, to compare methods with."""

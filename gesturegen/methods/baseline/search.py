@@ -1,4 +1,4 @@
-"""Motion as it was recorded, for comparison: a random stretch of the references, or one that goes with other speech.
+"""Recorded motion for comparison: a random stretch of the references, or the motion of other speech.
 
 Neither looks at what the test speech says; `config.baseline` says which of them it is.
 """
@@ -25,36 +25,36 @@ KIND = Kind("set of frames", "build-graph", reference_frames.ARRAYS, FORMAT_VERS
 
 @dataclass(frozen=True, eq=False)
 class RecordedFrames(ReferenceFrames):
-    """The frames of the references and nothing else: no frame follows another but as it was recorded."""
+    """The frames of the references without edges: they follow one another only as they were recorded."""
 
 
 def part(reference: Reference, config: Config) -> tuple[Skeleton, dict, np.ndarray]:
-    """What a reference brings: its skeleton, `frames.describe` and positions; DataError when a configured joint lacks."""
+    """Extract a reference's skeleton, `frames.describe` and positions; DataError when a configured joint is missing."""
     return reference.motion.skeleton, describe(reference, config), positions_of(reference.motion, config)
 
 
 def assemble(parts: Sequence[tuple[Skeleton, dict, np.ndarray]], config: Config) -> RecordedFrames:
-    """The frames of several references; DataError when their skeletons differ."""
+    """Join the frames of several references; DataError when their skeletons differ."""
     one_skeleton([(described["clip_names"][0], skeleton) for skeleton, described, _ in parts], config)
     positions = np.concatenate([positions for _, _, positions in parts])
     return RecordedFrames(positions=positions, **join([described for _, described, _ in parts]))
 
 
 def build(references: Sequence[Reference], config: Config) -> RecordedFrames:
-    """The frames of one or several references; DataErrors as by `part` and `assemble`."""
+    """Build the frames of one or several references; DataErrors as by `part` and `assemble`."""
     require_one_skeleton(references, config)
     return assemble([part(reference, config) for reference in references], config)
 
 
 def search(
-    library: RecordedFrames, speech: Speech, config: Config, rng: np.random.Generator, earlier: Sequence[Path] = ()
+    library: RecordedFrames, speech: Speech, config: Config, rng: np.random.Generator, _earlier: Sequence[Path] = ()
 ) -> Path:
-    """Uninterrupted stretches of the references, one where any is long enough, else several one after the other.
+    """Choose uninterrupted stretches of the references: one where any is long enough, else several in a row.
 
     random_stretch : from a frame drawn at random
     mismatched : mismatched speech and motion, which is real motion with the timing of the other speech that it was
         recorded with: a speech onset of the references, drawn at random, falls on the first onset of the test speech
-    earlier : not looked at; another variant draws another stretch
+    _earlier : not looked at; another variant draws another stretch
     """
     last = np.repeat(library.segment_ends, np.diff(np.append(library.segment_starts, library.n_nodes)))
     pieces: list[Piece] = []
@@ -76,7 +76,7 @@ def search(
 
 
 def _starts(library: RecordedFrames, speech: Speech, frame: int, config: Config) -> np.ndarray:
-    """Nodes at which the stretch for `frame` of the speech and what comes after may start, ascending."""
+    """Find the nodes at which the stretch for `frame` of the speech and what comes after may start, ascending."""
     everywhere = np.arange(library.n_nodes)
     coming = speech.onset_frames[speech.onset_frames >= frame]
     if config.baseline == "random_stretch" or not len(coming):
@@ -92,7 +92,7 @@ def _starts(library: RecordedFrames, speech: Speech, frame: int, config: Config)
 def _draw_stretch(
     library: RecordedFrames, starts: np.ndarray, last: np.ndarray, shown: set[int], rng: np.random.Generator
 ) -> int:
-    """Where to start when nothing is long enough: as early as may be in a stretch that was not shown yet.
+    """Draw where to start when no stretch is long enough: as early as possible in one not shown yet.
 
     Stretches are drawn by their length, so that many short ones do not make for many joins; once all have been shown
     they come again.

@@ -1,4 +1,4 @@
-"""The loops of the transition costs. Inputs are checked and typed by `transitions.py`.
+"""Compiled loops of the transition costs, whose inputs `transitions.py` checks and types.
 
 No fast-math: sums run in one fixed order, so that a cost has the same bits wherever it is computed.
 """
@@ -14,7 +14,7 @@ from gesturegen.compiled import njit
 
 
 class Side(NamedTuple):
-    """The ends or the starts of C clips; float64, a frame's joints follow the joints of the frame before.
+    """Arrays of the ends or of the starts of C clips; float64, a frame's joints follow those of the frame before.
 
     points : [shape=(C, 3, F * J)], metres; turns : unit quaternions [shape=(C, 4, F * K)]
     point_sums, turn_sums : [shape=(J, 3, C)] and [shape=(K, 9, C)], positions and rotation matrices over
@@ -35,7 +35,7 @@ _ARCSINE = tuple(math.comb(2 * k, k) / (4**k * (2 * k + 1)) for k in range(17))
 
 @njit(cache=True, nogil=True)
 def _distances(left, right, out):
-    """The distances `out` between points [shape=(3, N)]."""
+    """Compute the distances `out` between points [shape=(3, N)]."""
     for k in range(left.shape[1]):
         x, y, z = left[0, k] - right[0, k], left[1, k] - right[1, k], left[2, k] - right[2, k]
         out[k] = np.sqrt(x * x + y * y + z * z)
@@ -44,7 +44,7 @@ def _distances(left, right, out):
 # A check for division by zero would keep the loop from running on several numbers at once.
 @njit(cache=True, nogil=True, error_model="numpy")
 def _angles(left, right, out):
-    """The angles `out` between rotations [shape=(4, N)] in radians."""
+    """Compute the angles `out` between rotations [shape=(4, N)] in radians."""
     for k in range(left.shape[1]):
         w, x = left[0, k] - right[0, k], left[1, k] - right[1, k]
         y, z = left[2, k] - right[2, k], left[3, k] - right[3, k]
@@ -77,7 +77,7 @@ def _angles(left, right, out):
 
 @njit(cache=True, nogil=True)
 def _sum(terms):
-    """The sum in one fixed order: four sums run beside each other, for speed."""
+    """Sum the terms in one fixed order: four sums run beside each other, for speed."""
     a = b = c = d = 0.0
     fours = len(terms) // 4 * 4
     for k in range(0, fours, 4):
@@ -92,7 +92,7 @@ def _sum(terms):
 
 @njit(cache=True, nogil=True)
 def _cost(ends, starts, p, q, lambda_1, lambda_2, limit, distances, angles):
-    """The transition cost from clip p to clip q; of the positions alone where these already reach the limit.
+    """Compute the transition cost from clip p to clip q, from the positions alone where these reach the limit.
 
     distances, angles : buffers [shape=(F * J,)] and [shape=(F * K,)]
     """
@@ -106,7 +106,7 @@ def _cost(ends, starts, p, q, lambda_1, lambda_2, limit, distances, angles):
 
 @njit(cache=True, nogil=True)
 def costs(ends, starts, lefts, rights, lambda_1, lambda_2):
-    """The transition costs [shape=(N,)] of pairs of clips."""
+    """Compute the transition costs [shape=(N,)] of pairs of clips."""
     distances, angles = np.empty(ends.points.shape[2]), np.empty(ends.turns.shape[2])
     out = np.empty(len(lefts))
     for k in range(len(lefts)):
@@ -116,7 +116,7 @@ def costs(ends, starts, lefts, rights, lambda_1, lambda_2):
 
 @njit(cache=True, nogil=True)
 def below(ends, starts, first, last, lambda_1, lambda_2, limit, reach):
-    """The costs float32 [shape=(last - first, C)] to the clips from `first`, from all clips; -1 for `limit` or more.
+    """Compute costs float32 [shape=(last - first, C)] to the clips from `first`, from all; -1 for `limit` or more.
 
     reach : a lower bound above it, as computed here, means a cost of at least `limit`
     """

@@ -1,4 +1,4 @@
-"""The loops of the dynamic programming over clips. Inputs are checked and typed by `viterbi.py`."""
+"""Compiled loops of the dynamic programming over clips, whose inputs `viterbi.py` checks and types."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gesturegen.compiled import njit
 
 @njit(cache=True, nogil=True)
 def sound(indptr, sources, costs):
-    """Whether the sources of every destination ascend and are clips, and all costs are finite."""
+    """Tell whether the sources of every destination ascend and are clips, and all costs are finite."""
     n_clips = len(indptr) - 1
     for q in range(n_clips):
         before = -1
@@ -24,7 +24,7 @@ def sound(indptr, sources, costs):
 
 @njit(cache=True, nogil=True)
 def place(sources, first, last, p):
-    """The edge from p among those from `first` to before `last`, -1 for none."""
+    """Find the edge from p among those from `first` to before `last`; -1 for none."""
     end = last
     while first < last:
         middle = (first + last) // 2
@@ -37,7 +37,7 @@ def place(sources, first, last, p):
 
 @njit(cache=True, nogil=True)
 def search(data, indptr, sources, costs, missing, weight, reuse, repeat_starts, repeats):
-    """The cheapest way to every clip at the last segment [shape=(C,)], and the predecessors [shape=(n, C)].
+    """Find the cheapest way to every clip at the last segment [shape=(C,)], and the predecessors [shape=(n, C)].
 
     repeats : the clips before q that cost `reuse`, ascending, from repeat_starts[q] to before repeat_starts[q + 1]
     Of equally cheap predecessors it is the lowest.

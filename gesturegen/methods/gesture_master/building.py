@@ -1,4 +1,4 @@
-"""Gesture databases, which may be of a whole training set: built recording by recording and block by block.
+"""Building of gesture databases, even of a whole training set, recording by recording and block by block.
 
 What has been built of a recording is stored in `WORK/gestures`, and edges in blocks beside the database, until it is
 complete: a build that was interrupted goes on where it stopped, and recordings are cut once for all databases.
@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import fields
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -48,6 +48,19 @@ _DESCRIBED = {
     for name, value in reference_frames.ARRAYS.items()
     if name not in ("method", "config", "clip_digests", "positions")
 }
+
+
+def _unfit_part(stored: Mapping[str, np.ndarray]) -> str | None:
+    """Say what is wrong between the arrays of a part, each valid by itself; None when nothing is."""
+    frames = {name.removeprefix("described_"): value for name, value in stored.items()}
+    for body in BODIES:
+        positions, rotations = stored[f"{body}_joints"].tolist()
+        values, frame = stored[f"{body}_ends"].shape[-1], 3 * positions + 4 * rotations
+        if values and (not frame or values % frame):
+            return f"{body}_joints do not fit {body}_ends"
+    return reference_frames.unfit(frames) or database.unfit_clips(frames)
+
+
 # What has been built of a recording: `Gestures`, and what `describe` says of its frames.
 _PART = Kind(
     "part of a gesture database", "build-graph",
@@ -64,7 +77,7 @@ _PART = Kind(
         "poses": Array("f4", "copies G pose_values"),
         **{name if name.startswith("key_") else f"described_{name}": value for name, value in _DESCRIBED.items()},
     },
-    relations=lambda stored: _unfit_part(stored),
+    relations=_unfit_part,
 )  # fmt: skip
 # The edges that lead to some of the clips, of which there are as many as there are in the whole database.
 _BLOCK_KIND = Kind(
@@ -82,7 +95,7 @@ _MOST_DROPPED = 10
 
 
 def prepare(jobs: Mapping[str, Job], todo: Collection[str], run: Callable[[Mapping, str], Outcome]) -> Prepared:
-    """Cut all recordings, then find all edges; whatever is stored already and current is kept.
+    """Cut all recordings, then find all edges, except what is stored already and current.
 
     The notes are of stored parts that had to be made again.
     """
@@ -123,7 +136,7 @@ def prepare(jobs: Mapping[str, Job], todo: Collection[str], run: Callable[[Mappi
 
 
 def _different_skeletons(job: Job) -> str | None:
-    """Why recordings cannot share a database: stored parts do not know with which others they will be joined."""
+    """Say why recordings cannot share a database, since each part is stored without a look at the others."""
     try:
         texts = [
             str(stored_arrays.read(clip_path(job.config, name), clips.KIND, ("hierarchy",))["hierarchy"])
@@ -148,24 +161,13 @@ def _part_path(config: Config, recording: str, limit: int | None) -> Path:
 
 
 def _made_of(config: Config, names: Sequence[str], *settings: str) -> str:
-    """A hash of all that a stored part depends on."""
+    """Hash all that a stored part depends on."""
     parts = [__version__, config.section_json(*settings), *names, *digests(config, names)]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
-def _unfit_part(stored: Mapping[str, np.ndarray]) -> str | None:
-    """What is wrong between the arrays of a part, each of which is as it should be."""
-    frames = {name.removeprefix("described_"): value for name, value in stored.items()}
-    for body in BODIES:
-        positions, rotations = stored[f"{body}_joints"].tolist()
-        values, frame = stored[f"{body}_ends"].shape[-1], 3 * positions + 4 * rotations
-        if values and (not frame or values % frame):
-            return f"{body}_joints do not fit {body}_ends"
-    return reference_frames.unfit(frames) or database.unfit_clips(frames)
-
-
 def _is_stored(path: Path, kind: Kind, made_of: str) -> tuple[bool, list[str]]:
-    """Whether a part of these inputs is stored as it was written, and what to say of one that is not."""
+    """Tell whether a part of these inputs is stored as it was written, with a note on one that is not."""
     try:
         return path.is_file() and str(stored_arrays.read(path, kind, mapped=True)["made_of"]) == made_of, []
     except DamagedError as error:
@@ -175,7 +177,7 @@ def _is_stored(path: Path, kind: Kind, made_of: str) -> tuple[bool, list[str]]:
 
 
 def _extract(config: Config, recording: str, limit: int | None) -> list[str]:
-    """Store what a recording brings; the result is what to say of it."""
+    """Cut a recording and store its gesture clips; return the notes on it."""
     path = _part_path(config, recording, limit)
     made_of = _made_of(config, [recording], *GestureMasterMethod.clip_settings)
     stored, notes = _is_stored(path, _PART, made_of)
@@ -204,7 +206,9 @@ def _extract(config: Config, recording: str, limit: int | None) -> list[str]:
 
 def _read_part(path: Path) -> tuple[Gestures, dict]:
     stored = stored_arrays.read(path, _PART, mapped=True)
-    described = {name.removeprefix("described_"): value for name, value in stored.items() if "described_" in name}
+    described: dict[str, Any] = {
+        name.removeprefix("described_"): value for name, value in stored.items() if "described_" in name
+    }
     described |= {
         "joint_names": tuple(described["joint_names"].tolist()),
         "clip_names": tuple(described["clip_names"].tolist()),
@@ -226,7 +230,7 @@ def _block_path(library: Path, body: str, first: int) -> Path:
 
 
 def _link(config: Config, names: tuple[str, ...], library: Path, body: str, first: int) -> list[str]:
-    """Store the edges that lead to a block of clips; the result is what to say of it."""
+    """Find and store the edges that lead to a block of clips; return the notes on it."""
     path = _block_path(library, body, first)
     made_of = _made_of(config, names, *GestureMasterMethod.settings)
     stored, notes = _is_stored(path, _BLOCK_KIND, made_of)
@@ -241,7 +245,7 @@ def _link(config: Config, names: tuple[str, ...], library: Path, body: str, firs
 
 @lru_cache(maxsize=1)
 def _borders(config_json: str, names: tuple[str, ...], _digests: tuple[str, ...], body: str) -> tuple:
-    """The transitional frames of all clips, and delta_T; a worker keeps the last ones for its next block."""
+    """Compute the transitional frames of all clips, and delta_T; a worker keeps the last ones for its next block."""
     config = Config.model_validate_json(config_json)
     borders = database.all_borders([part for part, _ in _read_parts(config, names)], body, config)
     return borders, database.threshold(borders, body, config)
@@ -251,27 +255,24 @@ def _borders(config_json: str, names: tuple[str, ...], _digests: tuple[str, ...]
 
 
 def build(job: Job) -> GestureDatabase:
-    """The database of what `prepare` has stored."""
+    """Build a database from the parts that `prepare` has stored."""
     parts, described = zip(*_read_parts(job.config, job.names), strict=True)
     count = _n_clips(parts)
     edges = {}
     for body in BODIES:
         blocks = [Edges(**_edge_arrays(_block_path(job.path, body, first))) for first in range(0, count, BLOCK)]
-        edges[body] = (
-            Edges(
+        if blocks:  # without a gesture clip there are none, which `assemble` refuses
+            edges[body] = Edges(
                 np.append(0, np.cumsum(np.concatenate([np.diff(block.indptr) for block in blocks]))),
                 np.concatenate([block.sources for block in blocks]),
                 np.concatenate([block.costs for block in blocks]),
                 blocks[0].delta,
             )
-            if blocks
-            else None
-        )
     return database.assemble(parts, join(described), edges, job.config)
 
 
 def _n_clips(parts: Sequence[Gestures]) -> int:
-    """Gesture clips with their mirrored copies."""
+    """Count the gesture clips with their mirrored copies."""
     return sum(len(part.starts) * len(part.positions) for part in parts)
 
 
@@ -281,12 +282,12 @@ def _edge_arrays(path: Path) -> dict:
 
 
 def forget_blocks(library: Path) -> None:
-    """Edges are in the database now."""
+    """Delete the stored blocks of edges, which are in the database now."""
     shutil.rmtree(library.with_suffix(".blocks"), ignore_errors=True)
 
 
 def describe(found: GestureDatabase, config: Config) -> Description:
-    """What `build-graph` says of a database."""
+    """Describe a database for the output of `build-graph`."""
     own = ~found.mirrored[np.searchsorted(found.clip_starts, found.starts, side="right") - 1]
     seconds = found.lengths / found.fps
     lines = [
@@ -310,7 +311,7 @@ def describe(found: GestureDatabase, config: Config) -> Description:
 
 
 def _unmatched(found: GestureDatabase, config: Config) -> list[tuple[str, str, str]]:
-    """Key, pattern and error of each pattern of `quality` that matches no gesture clip of a database."""
+    """List key, pattern and error of each pattern of `quality` that matches no gesture clip of a database."""
     known = [*found.names.tolist(), *found.dropped[:, 0].tolist()]
     return [
         (f"gesture_master.quality.{key}", pattern, problem)
@@ -320,8 +321,8 @@ def _unmatched(found: GestureDatabase, config: Config) -> list[tuple[str, str, s
     ]
 
 
-class StoredReferences(Sequence):
-    """References that are read when they are looked at, and not kept; with mirrored copies after the recordings."""
+class StoredReferences(Sequence[clips.Reference]):
+    """Sequence of references that are read on access and not kept, with mirrored copies after the recordings."""
 
     def __init__(self, config: Config, names: Sequence[str]):
         self.config, self.names = config, tuple(names)
@@ -330,7 +331,15 @@ class StoredReferences(Sequence):
     def __len__(self) -> int:
         return len(self.names) * (2 if self.config.gesture_master.mirror else 1)
 
-    def __getitem__(self, number: int) -> clips.Reference:
+    @overload
+    def __getitem__(self, number: int) -> clips.Reference: ...
+
+    @overload
+    def __getitem__(self, number: slice) -> Sequence[clips.Reference]: ...
+
+    def __getitem__(self, number: int | slice) -> clips.Reference | Sequence[clips.Reference]:
+        if isinstance(number, slice):
+            return [self[k] for k in range(*number.indices(len(self)))]
         if not 0 <= number < len(self):
             raise IndexError(number)
         copy, own = divmod(number, len(self.names))

@@ -11,7 +11,7 @@ from gesturegen.motion.skeleton import read_only
 
 
 def compile_gestures() -> None:
-    """Link a few gesture clips and search them."""
+    """Compile the loops: link a few gesture clips and search them."""
     rng = np.random.default_rng(0)
     poses = Borders(rng.normal(size=(3, 2, 2, 3)).astype(np.float32), np.tile(rotation.IDENTITY, (3, 2, 2, 1)))
     found = transitions.edges(poses, poses, 0, 3, 1.0, 1.0, np.inf)

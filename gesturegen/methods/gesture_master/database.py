@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +27,7 @@ FORMAT_VERSION = 3
 
 @dataclass(frozen=True, eq=False)
 class GestureDatabase(ReferenceFrames):
-    """Gesture clips are stretches of nodes; the second half of the reference clips may be mirrored copies.
+    """A gesture database, whose clips are stretches of nodes; the second half of the references may be mirrored.
 
     mirrored : bool [shape=(C,)], which reference clips are mirrored copies
     starts, stops : int [shape=(G,)], nodes [start, stop) of the gesture clips; names : str [shape=(G,)]
@@ -84,30 +84,31 @@ class GestureDatabase(ReferenceFrames):
 
     @property
     def lengths(self) -> np.ndarray:
-        """Frames of each gesture clip `[shape=(G,)]`."""
+        """Count the frames of each gesture clip `[shape=(G,)]`."""
         return self.stops - self.starts
 
     @property
     def n_unnatural_edges(self) -> int:
-        """Edges of the upper body between clips that were not recorded one after the other."""
+        """Count the upper-body edges between clips that were not recorded one after the other."""
         destinations = np.repeat(np.arange(len(self.starts)), np.diff(self.upper_indptr))
         return int(np.count_nonzero(self.starts[destinations] != self.stops[self.upper_sources]))
 
     def clip_name_of(self, nodes: Sequence[int]) -> str | None:
-        """The name of the gesture clip that these nodes are the whole of; a mirrored copy has that of its recording."""
+        """Name the gesture clip of exactly these nodes; a mirrored copy has the name of its recording's clip."""
         clip = int(np.searchsorted(self.starts, nodes[0], side="right") - 1)
         whole = clip >= 0 and nodes[0] == self.starts[clip] and nodes[-1] == self.stops[clip] - 1
         return str(self.names[clip]) if whole else None
 
     @property
     def regression(self) -> style.Regression:
+        """Return the regression of style on prosody that is stored in the database."""
         return style.Regression(
             self.feature_means, self.feature_scales, self.coefficients, self.intercepts, self.r2, int(self.n_fitted)
         )
 
 
 def assemble(parts: Sequence[Gestures], described: dict, edges: dict[str, Edges], config: Config) -> GestureDatabase:
-    """One database of the clips of all recordings.
+    """Assemble one database from the clips of all recordings.
 
     described : the fields of `ReferenceFrames` but for positions, of the recordings without mirrored copies
     edges : of both bodies, as `link` finds them over `all_borders`
@@ -117,7 +118,7 @@ def assemble(parts: Sequence[Gestures], described: dict, edges: dict[str, Edges]
     first_nodes, n_nodes = described["clip_starts"], len(described["source_frames"])
     counts = [len(part.starts) for part in parts]
     own = np.arange(sum(counts))
-    rests = _by_copy(parts, lambda part, copy: part.rests)
+    rests = _by_copy(parts, lambda part, _copy: part.rests)
     styles = _by_copy(parts, lambda part, copy: part.styles[copy])
     offsets = np.repeat(first_nodes, counts)
     starts = np.concatenate([part.starts for part in parts]) + offsets
@@ -132,9 +133,9 @@ def assemble(parts: Sequence[Gestures], described: dict, edges: dict[str, Edges]
         mirrored=np.repeat([False, True][:copies], len(parts)),
         starts=np.concatenate([starts + copy * n_nodes for copy in range(copies)]),
         stops=np.concatenate([stops + copy * n_nodes for copy in range(copies)]),
-        names=_by_copy(parts, lambda part, copy: part.names),
+        names=_by_copy(parts, lambda part, _copy: part.names),
         rests=rests,
-        rhythms=_by_copy(parts, lambda part, copy: part.rhythms),
+        rhythms=_by_copy(parts, lambda part, _copy: part.rhythms),
         styles=styles,
         style_means=styles[gestures].mean(axis=0),
         style_scales=styles[gestures].std(axis=0),
@@ -150,7 +151,7 @@ def assemble(parts: Sequence[Gestures], described: dict, edges: dict[str, Edges]
         n_fitted=np.array(regression.n_clips),
         **{name: getattr(parts[0], name) for name in ("upper_names", "lower_names", "finger_names")},
         dropped=np.concatenate([part.dropped for part in parts]),
-        thresholds=_mean_lengths(sum(part.thresholds for part in parts)),
+        thresholds=_mean_lengths(np.asarray(sum(part.thresholds for part in parts))),
         notes=np.array(list(dict.fromkeys(note for part in parts for note in part.notes.tolist())), dtype=str),
     )
 
@@ -163,14 +164,14 @@ def _nothing_left(parts: Sequence[Gestures]) -> str:
     )
 
 
-def _by_copy(parts: Sequence[Gestures], of) -> np.ndarray:
-    """Rows of all clips: those of all recordings, then, where there are any, their mirrored copies."""
+def _by_copy(parts: Sequence[Gestures], of: Callable[[Gestures, int], np.ndarray]) -> np.ndarray:
+    """Stack the rows of all clips: those of all recordings, then, where there are any, their mirrored copies."""
     copies = len(parts[0].positions)
     return np.concatenate([of(part, copy) for copy in range(copies) for part in parts])
 
 
 def _repeated(described: dict, copies: int, n_nodes: int) -> dict:
-    """What is said of the recordings, said of their mirrored copies as well."""
+    """Repeat the description of the recordings for their mirrored copies."""
     if copies == 1:
         return described
     key_nodes = described["key_nodes"]
@@ -190,13 +191,13 @@ def _repeated(described: dict, copies: int, n_nodes: int) -> dict:
 
 
 def _mean_lengths(sums: np.ndarray) -> np.ndarray:
-    """Counts and seconds in all as counts and mean seconds; NaN where there is no clip."""
+    """Convert counts and total seconds to counts and mean seconds; NaN where there is no clip."""
     with np.errstate(invalid="ignore"):
         return np.column_stack([sums[:, 0], sums[:, 1] / sums[:, 0]])
 
 
 def _regression(parts: Sequence[Gestures], counts: Sequence[int], config: Config) -> style.Regression:
-    """Of the gestures as recorded: their mirrored copies were not made by a voice."""
+    """Fit the style regression to the gestures as recorded: no voice made their mirrored copies."""
     gestures = np.concatenate([~part.rests for part in parts])
     if config.gesture_master.style.source != "predict" or not gestures.any():
         n_features, n_values = len(style.FEATURES), len(style.VALUES)
@@ -213,7 +214,7 @@ def _regression(parts: Sequence[Gestures], counts: Sequence[int], config: Config
 
 
 def _finger_sources(parts: Sequence[Gestures], counts: Sequence[int], copies: int) -> np.ndarray:
-    """For clips without finger motion the nearest clip with it, by position; in mirrored copies too."""
+    """Find for clips without finger motion the nearest clip with it, by position; in mirrored copies too."""
     sources = np.arange(sum(counts) * copies)
     has = np.tile(np.repeat([bool(part.has_fingers) for part in parts], counts), copies)
     if has.any() and not has.all():
@@ -240,7 +241,7 @@ class Edges:
 def all_borders(
     parts: Sequence[Gestures], body: str, config: Config
 ) -> tuple[transitions.Borders, transitions.Borders]:
-    """Transitional frames at the ends and at the starts of all clips, mirrored copies after the others."""
+    """Collect the transitional frames at the ends and at the starts of all clips, mirrored copies last."""
     joints = getattr(parts[0], f"{body}_joints")
     ends, starts = (
         as_borders(
@@ -254,12 +255,13 @@ def all_borders(
 
 
 def threshold(borders: tuple[transitions.Borders, transitions.Borders], body: str, config: Config) -> float:
-    """delta_T of one body, as given or as a quantile of the database's own transitions."""
+    """Compute delta_T of one body, as given or as a quantile of the database's own transition costs."""
     settings: UpperBody = getattr(config.gesture_master, body)
     if settings.delta_t is not None:
         return settings.delta_t
     if len(borders[0]) < 2:  # no transition between different clips
         return 0.0
+    assert settings.delta_quantile is not None  # the settings are refused without either
     # Not by the run's seed: a graph is the same for all of them.
     rng = generator(0, f"delta_T of the {body} body")
     return transitions.quantile(*borders, settings.delta_quantile, settings.lambda_1, settings.lambda_2, rng)
@@ -269,7 +271,7 @@ def link(
     borders: tuple[transitions.Borders, transitions.Borders], body: str, delta: float, config: Config,
     first: int = 0, last: int | None = None,
 ) -> Edges:  # fmt: skip
-    """The edges below `delta` that lead to clips `first` to before `last`, by default all of them."""
+    """Find the edges below `delta` that lead to clips `first` to before `last`, by default all of them."""
     settings: UpperBody = getattr(config.gesture_master, body)
     last = len(borders[1].positions) if last is None else last
     counts, sources, costs = transitions.edges(*borders, first, last, settings.lambda_1, settings.lambda_2, delta)
@@ -278,7 +280,7 @@ def link(
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """What a recording brings: its gesture clips, `frames.describe` and its skeleton."""
+    """The part of a database from one recording: its gesture clips, `frames.describe` and its skeleton."""
 
     gestures: Gestures
     described: dict
@@ -286,12 +288,12 @@ class Part:
 
 
 def part(reference: Reference, config: Config) -> Part:
-    """The gesture clips of one reference and of its mirrored copy; DataError when it is unfit for the latter."""
+    """Extract the gesture clips of a reference and its mirrored copy; DataError when it cannot be mirrored."""
     return Part(extract(reference, config), describe(reference, config), reference.motion.skeleton)
 
 
 def of_parts(parts: Sequence[Part], config: Config) -> GestureDatabase:
-    """The database of several recordings, edges and all; DataError when skeletons differ or no clip is left."""
+    """Build the database of several recordings, edges and all; DataError when skeletons differ or no clip is left."""
     one_skeleton([(one.described["clip_names"][0], one.skeleton) for one in parts], config)
     gestures, edges = [one.gestures for one in parts], {}
     for body in BODIES:
@@ -301,7 +303,7 @@ def of_parts(parts: Sequence[Part], config: Config) -> GestureDatabase:
 
 
 def build(references: Sequence[Reference], config: Config) -> GestureDatabase:
-    """The database of one or several references; DataErrors as by `part` and `of_parts` (§3, §4.1)."""
+    """Build the database of one or several references; DataErrors as by `part` and `of_parts` (§3, §4.1)."""
     require_one_skeleton(references, config)
     return of_parts([part(reference, config) for reference in references], config)
 
@@ -310,7 +312,7 @@ def build(references: Sequence[Reference], config: Config) -> GestureDatabase:
 
 
 def unfit_clips(stored: Mapping[str, np.ndarray]) -> str | None:
-    """What is wrong with the gesture clips of a file; None when they lie within segments."""
+    """Say what is wrong with the gesture clips of a file; None when they lie within segments."""
     starts, stops = stored["starts"], stored["stops"]
     places = (np.searchsorted(stored["segment_starts"], nodes, side="right") for nodes in (starts, stops - 1))
     if not (starts < stops).all() or np.subtract(*places).any():
@@ -319,7 +321,7 @@ def unfit_clips(stored: Mapping[str, np.ndarray]) -> str | None:
 
 
 def _unfit(stored: Mapping[str, np.ndarray]) -> str | None:
-    """What is wrong between the arrays of a database, each of which is as it should be."""
+    """Say what is wrong between the arrays of a database, each valid by itself; None when nothing is."""
     return reference_frames.unfit(stored) or unfit_clips(stored)
 
 

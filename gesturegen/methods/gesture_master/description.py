@@ -1,11 +1,11 @@
-"""A gesture database in figures, of the recordings as well as of their mirrored copies where not said otherwise."""
+"""Statistics of a gesture database, of recordings and their mirrored copies where not said otherwise."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
 from functools import partial
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -27,7 +27,7 @@ _MORE = "(--json lists all)"
 
 
 def describe_database(database: GestureDatabase) -> dict:
-    """All figures of a database, ready for JSON; NaN is null. Lengths are in seconds unless named otherwise.
+    """Compute all figures of a database for JSON; NaN is null. Lengths are in seconds unless named otherwise.
 
     `recordings`, `clips`, `lengths`, `rhythm` and `thresholds` leave out mirrored copies, `style` leaves out rests
     unless there is nothing else.
@@ -79,17 +79,17 @@ def describe_database(database: GestureDatabase) -> dict:
         "dropped": dropped,
         "dropped_kinds": dict(Counter(_reason_kind(one["reason"]) for one in dropped).most_common()),
         "notes": database.notes.tolist(),
-        "clips": [_describe_clip(database, k, copied) for k in np.flatnonzero(own)],
+        "clips": [_describe_clip(database, k, copied) for k in np.flatnonzero(own).tolist()],
     }
 
 
 def of_copies(database: GestureDatabase) -> np.ndarray:
-    """Which gesture clips are of mirrored copies, bool `[shape=(G,)]`."""
+    """Mark the gesture clips of mirrored copies, bool `[shape=(G,)]`."""
     return database.mirrored[_recordings_of(database)]
 
 
 def leaving(database: GestureDatabase, body: str) -> np.ndarray:
-    """Edges of one body that leave each gesture clip, int `[shape=(G,)]`."""
+    """Count the edges of one body that leave each gesture clip, int `[shape=(G,)]`."""
     return np.bincount(getattr(database, f"{body}_sources"), minlength=len(database.starts))
 
 
@@ -157,7 +157,7 @@ def _describe_edges(database: GestureDatabase, body: str) -> dict:
 
 
 def _reason_kind(reason: str) -> str:
-    """The first word of a reason; that of a clip that is too short is its length."""
+    """Return the first word of a reason, or `short` for a clip that is too short."""
     word = reason.split()[0]
     return "short" if word[0].isdigit() else word
 
@@ -182,7 +182,7 @@ def _figure(value: float) -> float | None:
 
 
 def database_lines(facts: Mapping) -> list[str]:
-    """The figures of `describe_database` for reading."""
+    """Format the figures of `describe_database` for reading."""
     recordings, clips, dropped = facts["recordings"], facts["gesture_clips"], facts["dropped"]
     joints, bits = facts["joints"], facts["rhythm"]
     copies = "each also mirrored" if facts["mirrored"] else "none mirrored"
@@ -272,7 +272,7 @@ def _mean_text(value: float | None) -> str:
 
 
 def inspect(database: GestureDatabase) -> Inspection:
-    """All figures of a database, and its pictures."""
+    """Describe a database with all its figures and plots."""
     facts = describe_database(database)
     return Inspection(facts, database_lines(facts), partial(plot_database, database))
 
@@ -281,7 +281,7 @@ def inspect(database: GestureDatabase) -> Inspection:
 
 
 def plot_database(database: GestureDatabase, title: str, file: BinaryIO) -> None:
-    """A PNG of clip lengths, clips by gap threshold, styles and edges; the first three without mirrored copies."""
+    """Draw a PNG of clip lengths, clips by gap threshold, styles and edges; the first three without mirrored copies."""
     figure = new_figure()
     (lengths, thresholds), (styles, edges) = figure.subplots(2, 2)
     own = ~of_copies(database)
@@ -309,8 +309,8 @@ def plot_database(database: GestureDatabase, title: str, file: BinaryIO) -> None
     save_figure(figure, title, file)
 
 
-def _draw_thresholds(axes, database: GestureDatabase) -> None:
-    """The number of clips and, on an axis of its own, their mean length."""
+def _draw_thresholds(axes: Any, database: GestureDatabase) -> None:
+    """Draw the number of clips and, on a second axis, their mean length."""
     numbers, means = database.thresholds.T
     axes.plot(cutting.THRESHOLDS, numbers, ".-", color=BLUE)
     axes.axvline(PAPER_GAP_SECONDS, color=GREY, linewidth=1)

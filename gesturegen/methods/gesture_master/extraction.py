@@ -1,4 +1,4 @@
-"""From one recording to its gesture clips, with all that a database needs to know of them (§3).
+"""Extraction of the gesture clips of one recording, with all that a database needs to know of them (§3).
 
 Everything comes in copies: the recording itself and, with `mirror`, the recording seen in a mirror.
 """
@@ -74,16 +74,17 @@ class Gestures:
     thresholds: np.ndarray
     notes: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for field in fields(self):
             object.__setattr__(self, field.name, read_only(getattr(self, field.name)))
 
     def arrays(self) -> dict[str, np.ndarray]:
+        """Return all fields by name, as they are stored."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 def mirrored(reference: Reference, config: Config) -> Reference:
-    """The recording seen in a mirror; its speech stays.
+    """Mirror the motion of a recording left to right; its speech stays.
 
     Raises DataError for a skeleton that would come out distorted.
     """
@@ -99,6 +100,7 @@ def mirrored(reference: Reference, config: Config) -> Reference:
     # Helpers such as GENEA's `p_l_delt` move nothing, wherever they are.
     away[[not skeleton.children(j) and partners[j] == j for j in range(len(away))]] = 0.0
     size = np.ptp(rest, axis=0).max()
+    motion: Motion | None
     if away.max() <= _MOST_ASYMMETRY * size:
         motion = mirror.mirror(reference.motion, partners)
     elif (motion := _mirrored_places(reference.motion, partners, config)) is None:
@@ -112,7 +114,7 @@ def mirrored(reference: Reference, config: Config) -> Reference:
 
 
 def _mirrored_places(motion: Motion, partners: np.ndarray, config: Config) -> Motion | None:
-    """The motion of a body whose joints have axes of their own at rest, mirrored; None where its bones do not allow it."""
+    """Mirror the motion of a body whose joints have rotated axes at rest; None where its bones do not allow it."""
     found = roles_of(motion.skeleton, config)
     if not found.is_body:
         return None
@@ -124,14 +126,14 @@ def _mirrored_places(motion: Motion, partners: np.ndarray, config: Config) -> Mo
 
 
 def clip_name(recording: str, frame: int, fps: float) -> str:
-    """The name of the gesture clip that starts at `frame` of a recording."""
+    """Return the name of the gesture clip that starts at `frame` of a recording."""
     return f"{recording}@{frame / fps:.2f}"
 
 
 def extract(reference: Reference, config: Config) -> Gestures:
     """Cut a recording into gesture clips, leave out bad ones and describe the others.
 
-    Raises DataError for a correction of a clip that there is none of.
+    Raises DataError for a correction of a clip that does not exist.
     """
     settings, fps = config.gesture_master, reference.motion.fps
     copies = [reference, mirrored(reference, config)] if settings.mirror else [reference]
@@ -174,7 +176,7 @@ def extract(reference: Reference, config: Config) -> Gestures:
 
 
 def _corrected(rhythms: np.ndarray, starts: np.ndarray, reference: Reference, config: Config) -> np.ndarray:
-    """Rhythm signatures with those that the user gave in place of the measured ones."""
+    """Replace measured rhythm signatures by those that the user gave."""
     fps = reference.motion.fps
     seconds = reference.source_frames[starts] / fps
     for correction in config.gesture_master.rhythm.corrections or ():
@@ -207,7 +209,7 @@ def _features(reference: Reference, starts: np.ndarray, stops: np.ndarray) -> np
 
 
 class _Segments:
-    """The uninterrupted stretches of a recording: each is cut, and looked at, by itself."""
+    """The uninterrupted stretches of a recording, each of which is cut and judged by itself."""
 
     def __init__(self, reference: Reference, own: _Body, config: Config):
         self.fps, self.settings = reference.motion.fps, config.gesture_master
@@ -233,16 +235,16 @@ class _Segments:
             self._evidence.append(quality.evidence(own.local[here], own.selected[here], self.fps))
 
     def of(self, frames: np.ndarray) -> np.ndarray:
-        """Which segment each of `frames` lies in."""
+        """Find the segment that each of `frames` lies in."""
         return np.searchsorted(self.starts, frames, side="right") - 1
 
     def judge(self, clip: cutting.Cut) -> str | None:
-        """Why a clip should not be used."""
+        """Say why a clip should not be used; None for a good one."""
         shortest = self.settings.cutting.min_seconds
         # What is left of a segment may be too short to be merged with anything.
         if clip.end - clip.start < shortest * self.fps - 0.5:
             return f"{(clip.end - clip.start) / self.fps:.2f} s long, below {shortest:g}"
-        segment = int(self.of(clip.start))
+        segment = int(self.of(np.asarray(clip.start)))
         start = int(self.starts[segment])
         return quality.judge(
             self._evidence[segment], clip.start - start, clip.end - start, self.fps, self.settings.quality
@@ -250,7 +252,7 @@ class _Segments:
 
 
 class _Body:
-    """What gesture clips are compared by, frame by frame: of the upper body, of the lower one, of the hands."""
+    """The features that compare gesture clips frame by frame: of the upper body, the lower body and the hands."""
 
     def __init__(self, motion: Motion, config: Config):
         skeleton = motion.skeleton
@@ -296,6 +298,7 @@ class _Body:
         }
 
     def styles(self, starts: np.ndarray, stops: np.ndarray) -> np.ndarray:
+        """Compute the style signatures of clips, float `[shape=(G, 3)]`."""
         rows = [
             style.signature(self.hands[start:stop], self.right, self.fps)
             for start, stop in zip(starts, stops, strict=True)
@@ -303,6 +306,7 @@ class _Body:
         return np.array(rows).reshape(-1, len(style.VALUES))
 
     def poses(self, starts: np.ndarray, stops: np.ndarray) -> np.ndarray:
+        """Sample the poses of clips by which fingers of others are found, float32 `[shape=(G, D)]`."""
         upper = self.positions["upper"]
         rows = [fingers.describe_poses(upper[start:stop]) for start, stop in zip(starts, stops, strict=True)]
         width = fingers.describe_poses(upper[:1]).size  # also where there is no clip
@@ -314,7 +318,7 @@ class _Body:
     def borders(
         self, which: str, frames: np.ndarray, starts: np.ndarray, segments: _Segments, settings: GestureMaster
     ) -> np.ndarray:
-        """Transitional frames around the borders `frames` of the clips that start at `starts`, one row each.
+        """Extract the transitional frames around the borders `frames` of the clips from `starts`, one row each.
 
         Half of them lie before the border and half after it, so that a clip and the one recorded after it have
         the same: playing on costs nothing. Beyond its segment a clip has its first or last frame.
@@ -334,7 +338,7 @@ class _Body:
 
 
 def as_borders(rows: np.ndarray, joints: Sequence[int], transition_frames: int) -> Borders:
-    """Rows of transitional frames `[shape=(C, D)]` as positions and rotations."""
+    """Split rows of transitional frames `[shape=(C, D)]` into positions and rotations."""
     positions, rotations = joints
     split = transition_frames * 3 * int(positions)
     return Borders(
@@ -344,7 +348,7 @@ def as_borders(rows: np.ndarray, joints: Sequence[int], transition_frames: int) 
 
 
 def _hands(skeleton: Skeleton, wrists: Sequence[str], halves: body.Body) -> list[int]:
-    """The outermost of the wrist joints; without any, the joints that are farthest out to both sides at rest."""
+    """Select the outermost of the wrist joints; without any, the joints farthest out to both sides at rest."""
     named = [skeleton.names.index(name) for name in wrists if name in skeleton.names]
     if named:
         return sorted(j for j in named if not set(skeleton.descendants(j)) & set(named))

@@ -1,4 +1,4 @@
-"""Fingers for recordings without them: whose body poses are nearest?
+"""Finger motion for recordings without any, from the clip whose body poses are nearest.
 
 GestureMaster, §3.1: "For motion capture without finger animation, we simply search and transfer the rotations
 from finger motion capture with lowest position distance."
@@ -18,7 +18,7 @@ _PAIRS = 8192
 
 
 def has_fingers(rotations: np.ndarray) -> bool:
-    """Whether any finger moves in a recording.
+    """Tell whether any finger moves in a recording.
 
     rotations : float [shape=(T, F, 4)], local rotations of its finger joints; F may be 0
     """
@@ -29,7 +29,7 @@ def has_fingers(rotations: np.ndarray) -> bool:
 
 
 def describe_poses(positions: np.ndarray, samples: int = 8) -> np.ndarray:
-    """The poses of a gesture clip as one row, whatever its length.
+    """Sample the poses of a gesture clip as one row, whatever its length.
 
     positions : float [shape=(n, J, 3)], of the upper body, relative to the pelvis, cm
     samples : how many poses are taken, evenly from the first frame to the last and between frames linearly
@@ -47,7 +47,7 @@ def describe_poses(positions: np.ndarray, samples: int = 8) -> np.ndarray:
 
 
 def nearest(wanting: np.ndarray, offered: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For each clip without fingers the clip with fingers whose poses are nearest.
+    """Find for each clip without fingers the clip with fingers whose poses are nearest.
 
     wanting : float [shape=(A, D)], rows of `describe_poses`; offered : float [shape=(B, D)]
     Returns int64 [shape=(A,)], rows of `offered`, the first of equally near ones, and float64 [shape=(A,)], the
@@ -71,7 +71,7 @@ def nearest(wanting: np.ndarray, offered: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _nearest_of_different(wanting: np.ndarray, offered: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of `offered` and squared distances; float32 finds who can be nearest, float64 decides."""
+    """Find the nearest rows of `offered` and squared distances: float32 preselects, float64 decides."""
     # |a - b|^2 = |a|^2 + |b|^2 - 2ab is the more exact the smaller the norms are.
     centre = offered.mean(axis=0)
     rows, columns = (wanting - centre).astype(np.float32), (offered - centre).astype(np.float32)
@@ -95,7 +95,7 @@ def _nearest_of_different(wanting: np.ndarray, offered: np.ndarray) -> tuple[np.
 
 
 def _squared_distances(wanting: np.ndarray, offered: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Of the pairs (rows[k], columns[k]), float64 [shape=(len(rows),)]."""
+    """Compute the squared distances of the pairs (rows[k], columns[k]), float64 [shape=(len(rows),)]."""
     squares = np.empty(len(rows))
     for start in range(0, len(rows), _PAIRS):
         pairs = slice(start, start + _PAIRS)

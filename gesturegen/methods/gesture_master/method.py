@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any
 from gesturegen.methods.method import WORKER_BYTES, Description, Inspection, Job, Material, Method, Prepared
 
 if TYPE_CHECKING:
+    import numpy as np
+
+    from gesturegen.data.clips import Reference, Speech
+    from gesturegen.methods.gesture_master.database import GestureDatabase, Part
+    from gesturegen.outcome import Outcome
+    from gesturegen.path import Path
     from gesturegen.settings.models import Config
+    from gesturegen.stored.arrays import Kind
 
 _FEW_GESTURES = 50
 # A gesture database stays on disk but for what is looked at; building one takes this much of a reference frame, its
@@ -16,8 +23,8 @@ _FEW_GESTURES = 50
 _BYTES_PER_FRAME = 2_500
 
 
-class GestureMasterMethod(Method):
-    """A gesture clip for every clip of the speech, by rhythm, style and transition (§4)."""
+class GestureMasterMethod(Method["GestureDatabase"]):
+    """Method that chooses a gesture clip for every clip of the speech, by rhythm, style and transition (§4)."""
 
     name = "gesture_master"
     suffix = "-gestures"
@@ -69,22 +76,24 @@ class GestureMasterMethod(Method):
     def bytes_needed(self, reference_frames: int, test_frames: int, config: Config, kept_frames: int) -> float:
         return WORKER_BYTES + _BYTES_PER_FRAME * reference_frames
 
-    def part(self, reference, config):
+    def part(self, reference: Reference, config: Config) -> Part:
         from gesturegen.methods.gesture_master import database
 
         return database.part(reference, config)
 
-    def assemble(self, parts: Sequence[Any], config):
+    def assemble(self, parts: Sequence[Any], config: Config) -> GestureDatabase:
         from gesturegen.methods.gesture_master import database
 
         return database.of_parts(parts, config)
 
-    def prepare(self, jobs: Mapping[str, Job], todo: Collection[str], run) -> Prepared:
+    def prepare(
+        self, jobs: Mapping[str, Job], todo: Collection[str], run: Callable[[Mapping, str], Outcome]
+    ) -> Prepared:
         from gesturegen.methods.gesture_master import building
 
         return building.prepare(jobs, todo, run)
 
-    def build(self, job: Job, prepared: Any = None):
+    def build(self, job: Job, prepared: Any = None) -> GestureDatabase:
         from gesturegen.methods.gesture_master import building
 
         return building.build(job)
@@ -94,38 +103,41 @@ class GestureMasterMethod(Method):
 
         building.forget_blocks(job.path)
 
-    def kind(self):
+    def kind(self) -> Kind:
         from gesturegen.methods.gesture_master import database
 
         return database.KIND
 
-    def library_type(self):
+    def library_type(self) -> type[GestureDatabase]:
         from gesturegen.methods.gesture_master import database
 
         return database.GestureDatabase
 
-    def shown_clips(self, config, names):
+    def shown_clips(self, config: Config, names: Sequence[str]) -> Sequence[Reference]:
         from gesturegen.methods.gesture_master import building
 
         return building.StoredReferences(config, names)
 
-    def describe(self, library, config) -> Description:
+    def describe(self, library: GestureDatabase, config: Config) -> Description:
         from gesturegen.methods.gesture_master import building
 
         return building.describe(library, config)
 
-    def inspect(self, library) -> Inspection:
+    def inspect(self, library: GestureDatabase) -> Inspection:
         from gesturegen.methods.gesture_master import description
 
         return description.inspect(library)
 
-    def piece_name(self, library, nodes: Sequence[int]) -> str | None:
+    def piece_name(self, library: GestureDatabase, nodes: Sequence[int]) -> str | None:
         return library.clip_name_of(nodes)
 
     def shows_whole_pieces(self) -> bool:
         return True
 
-    def search(self, library, speech, config, rng, earlier=()):
+    def search(
+        self, library: GestureDatabase, speech: Speech, config: Config, rng: np.random.Generator,
+        earlier: Sequence[Path] = (),
+    ) -> Path:  # fmt: skip
         from gesturegen.methods.gesture_master import search
 
         return search.search(library, speech, config, rng, earlier)

@@ -1,4 +1,4 @@
-"""Which gesture clips are of low quality? Jitter, wrong rotations and lost tracking.
+"""Quality checks of gesture clips: jitter, wrong rotations and lost tracking.
 
 GestureMaster, §3.1: "We manually remove gesture clips with low quality such as motions with jitter or wrong
 rotations." Here figures are compared with limits, and lists of names overrule them.
@@ -37,7 +37,7 @@ JITTER_SECONDS = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What tells bad clips from good ones, for every frame of an uninterrupted stretch.
+    """Measures that tell bad clips from good ones, for every frame of an uninterrupted stretch.
 
     turns : float [shape=(T,)], the largest turn of a joint from the frame before, degrees/s
     speeds : float [shape=(T,)], the largest speed of a joint from the frame before, cm/s
@@ -52,13 +52,13 @@ class Evidence:
     jitter: np.ndarray
     still: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("turns", "speeds", "jitter", "still"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
 def evidence(rotations: np.ndarray, positions: np.ndarray, fps: float) -> Evidence:
-    """Evidence of an uninterrupted stretch.
+    """Measure the evidence of an uninterrupted stretch.
 
     rotations : float [shape=(T, K, 4)], local rotations of the selected joints
     positions : float [shape=(T, J, 3)], their positions relative to the pelvis, cm
@@ -75,7 +75,9 @@ def evidence(rotations: np.ndarray, positions: np.ndarray, fps: float) -> Eviden
 
 
 def _jitter(positions: np.ndarray, fps: float) -> np.ndarray:
-    """Moving median over `JITTER_SECONDS` of every joint's distance from its smoothed way, the largest per frame.
+    """Compute each joint's distance from its smoothed way, as a moving median; return the largest per frame.
+
+    The median is over `JITTER_SECONDS`.
 
     positions : float [shape=(T, J, 3)], cm
     Returns float64 [shape=(T,)], cm; 0 where the stretch is too short for the filter.
@@ -95,7 +97,7 @@ def _jitter(positions: np.ndarray, fps: float) -> np.ndarray:
 
 
 def judge(evidence: Evidence, start: int, end: int, fps: float, settings: Quality) -> str | None:
-    """Why the clip of the frames `start` to `end` - 1 should not be used; None for a good one.
+    """Say why the clip of the frames `start` to `end` - 1 should not be used; None for a good one.
 
     Of several reasons the one that exceeds its limit most, as a ratio, is named, with its figure.
     """
@@ -119,7 +121,7 @@ def judge(evidence: Evidence, start: int, end: int, fps: float, settings: Qualit
 
 
 def _inner(jitter: np.ndarray) -> np.ndarray:
-    """Without the ends, where most of the second around a frame, widened by the filter, may lie outside the clip."""
+    """Cut off the ends, where most of the second around a frame, widened by the filter, may lie outside the clip."""
     margin = min(SMOOTHING_WINDOW // 2, (len(jitter) - 1) // 2)
     return jitter[margin : len(jitter) - margin]
 
@@ -130,7 +132,7 @@ def _longest_run(flags: np.ndarray) -> int:
 
 
 def keep(name: str, reason: str | None, settings: Quality) -> str | None:
-    """Why the clip called `name`, such as `trn_000@12.30`, is left out after the user's lists; None to use it.
+    """Say why the clip called `name`, such as `trn_000@12.30`, is left out after the user's lists; None to use it.
 
     reason : of `judge`
     """

@@ -29,7 +29,7 @@ _KIND, _EDGE, _SCALE = "kind", "edge", "scale"
 def search(
     found: GestureDatabase, speech: Speech, config: Config, _rng: np.random.Generator, earlier: Sequence[Path] = ()
 ) -> Path:
-    """The clips whose sum of data and transition terms is the least (§4.2, equations 2 to 4).
+    """Find the clips with the least sum of data and transition terms (§4.2, equations 2 to 4).
 
     earlier : other variants of this clip, whose clips cost `lambda_variant` each time they were shown
     """
@@ -53,25 +53,26 @@ def search(
             "variant": np.broadcast_to(settings.lambda_variant * used * upper, terms["kind"].shape),
         }
         choice, total = viterbi.search(
-            sum(data.values()), edges, own.zeta, settings.lambda_reuse, found.twins, own.lambda_4
+            np.asarray(sum(data.values())), edges, own.zeta, settings.lambda_reuse, found.twins, own.lambda_4
         )
         pieces = _pieces(choice, cuts, data, edges, own, found, config)
         tracks.append(pieces)
-        summed = {key: float(sum(piece.costs[key] for piece in pieces)) for key in pieces[0].costs}
+        costs = [piece.costs for piece in pieces if piece.costs is not None]
+        summed = {key: float(sum(one[key] for one in costs)) for key in costs[0]}
         objective[name] = summed | {"total": total}
     return Path(
-        _tracks(found, *tracks, config), objective=objective, notes=_notes(found, speech, cuts, tracks[0], config)
+        _tracks(found, tracks[0], tracks[1]), objective=objective, notes=_notes(found, speech, cuts, tracks[0], config)
     )
 
 
 def segments(speech: Speech, config: Config) -> list[Cut]:
-    """The clips of a test speech, cut by the rule that cuts the references."""
+    """Cut a test speech into clips by the rule that cuts the references."""
     words = spoken(speech.words, speech.onset_times, speech.voice)
     return cutting.cut(words, speech.n_frames, speech.fps, config.gesture_master.cutting)
 
 
 def data_terms(found: GestureDatabase, speech: Speech, cuts: Sequence[Cut], config: Config) -> dict[str, np.ndarray]:
-    """What each clip of the database costs in each clip of the speech, by term, float `[shape=(n, G)]`.
+    """Compute what each clip of the database costs in each clip of the speech, by term, float `[shape=(n, G)]`.
 
     Equation 3 (style, rhythm) without its weights, the price of time-scaling, and whether one is a rest and the
     other a gesture.
@@ -96,7 +97,7 @@ def _scale_prices(cuts: Sequence[Cut], lengths: np.ndarray, config: Config) -> n
 
 
 def _scales(cuts: Sequence[Cut], lengths: np.ndarray, config: Config) -> tuple[np.ndarray, np.ndarray]:
-    """The logarithm of the time scale of each clip in each segment, and how far it is outside the limits."""
+    """Compute the logarithm of each clip's time scale in each segment, and how far it is outside the limits."""
     settings = config.gesture_master.time_scale
     wanted = np.array([cut.end - cut.start for cut in cuts], dtype=np.float64)
     rests = np.array([cut.rest for cut in cuts])[:, None]
@@ -107,7 +108,7 @@ def _scales(cuts: Sequence[Cut], lengths: np.ndarray, config: Config) -> tuple[n
 
 
 def _wanted_styles(found: GestureDatabase, speech: Speech, cuts: Sequence[Cut], config: Config) -> np.ndarray:
-    """Style values of each clip of the speech `[shape=(n, 3)]`, NaN where any will do, as in silence."""
+    """Determine the style of each clip of the speech `[shape=(n, 3)]`, NaN where any will do, as in silence."""
     settings, fps = config.gesture_master.style, speech.fps
     wanted = np.full((len(cuts), len(style.VALUES)), np.nan)
     if settings.source == "predict" and speech.prosody is not None:
@@ -149,10 +150,8 @@ def _pieces(
     return tuple(pieces)
 
 
-def _tracks(
-    found: GestureDatabase, upper: tuple[Piece, ...], lower: tuple[Piece, ...], config: Config
-) -> tuple[Track, ...]:
-    """The upper body first, of which the trace tells; fingers of their own where some were recorded without."""
+def _tracks(found: GestureDatabase, upper: tuple[Piece, ...], lower: tuple[Piece, ...]) -> tuple[Track, ...]:
+    """Build the tracks, the upper body first, of which the trace tells; fingers of other clips get their own."""
     tracks = (Track(upper), Track(lower, tuple(map(str, found.lower_names))))
     shown = np.searchsorted(found.starts, [piece.nodes[0] for piece in upper])
     sources = found.finger_sources[shown]
@@ -168,7 +167,7 @@ def _tracks(
 def _notes(
     found: GestureDatabase, speech: Speech, cuts: Sequence[Cut], pieces: Sequence[Piece], config: Config
 ) -> tuple[str, ...]:
-    """What a user should know of a clip beyond its figures."""
+    """List what a user should know of a clip beyond its figures."""
     notes = []
     heard = len(speech.onset_times) or (speech.voice is not None and len(speech.voice))
     if not speech.words and heard:

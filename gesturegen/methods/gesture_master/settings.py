@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -11,6 +11,8 @@ from gesturegen.settings.speech import Cutting, Rhythm
 
 
 class Quality(Section):
+    """Limits above which a gesture clip is left out, and names or patterns that overrule them."""
+
     enabled: bool = True
     max_turn: Positive = 1350.0
     max_speed: Positive = 900.0
@@ -31,13 +33,15 @@ class StyleTarget(Section):
     height: float | None = None
 
     @model_validator(mode="after")
-    def _not_empty(self):
+    def _not_empty(self) -> Self:
         if self.to <= self.from_:
             raise ValueError("`to` must be later than `from`")
         return self
 
 
 class Style(Section):
+    """The source of wanted styles, and the parameters of the regression that predicts them."""
+
     source: Literal["predict", "targets", "none"] = "predict"
     ridge: Positive = 10.0
     folds: Annotated[int, Field(ge=2)] = 5
@@ -45,7 +49,7 @@ class Style(Section):
     targets: tuple[StyleTarget, ...] | None = None
 
     @model_validator(mode="after")
-    def _targets_given(self):
+    def _targets_given(self) -> Self:
         if self.source == "targets" and self.targets_file is None and self.targets is None:
             raise ValueError(
                 "source `targets` needs the key `targets_file`, a CSV file: clip,from,to,speed,radius,height"
@@ -54,6 +58,8 @@ class Style(Section):
 
 
 class UpperBody(Section):
+    """Weights of the transition and data terms of the upper body, and the threshold delta_T of its edges."""
+
     lambda_1: NotNegative = 0.7
     lambda_2: NotNegative = 0.3
     delta_t: Positive | None = 8.0
@@ -65,13 +71,15 @@ class UpperBody(Section):
     zeta: NotNegative = 10000.0
 
     @model_validator(mode="after")
-    def _one_threshold(self):
+    def _one_threshold(self) -> Self:
         if (self.delta_t is None) == (self.delta_quantile is None):
             raise ValueError("give one of delta_t and delta_quantile, and null for the other")
         return self
 
 
 class LowerBody(UpperBody):
+    """The same weights for the lower body, which ignores style and rhythm by default."""
+
     lambda_3: NotNegative = 0.0
     lambda_4: Positive = 1.0
     lambda_5: NotNegative = 0.0
@@ -79,6 +87,8 @@ class LowerBody(UpperBody):
 
 
 class TimeScale(Section):
+    """Limits within which gesture clips are scaled in time, and the prices of scaling."""
+
     min: Annotated[float, Field(gt=0, le=1)] = 0.8
     max: Annotated[float, Field(ge=1)] = 1.25
     rest_min: Annotated[float, Field(gt=0, le=1)] = 0.5
@@ -88,6 +98,8 @@ class TimeScale(Section):
 
 
 class GestureMaster(Section):
+    """Section `gesture_master`: all settings of GestureMaster."""
+
     cutting: Cutting = Cutting()
     quality: Quality = Quality()
     mirror: bool = True

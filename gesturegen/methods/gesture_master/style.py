@@ -1,4 +1,4 @@
-"""The style signature of a gesture clip, and the one its speech asks for (GestureMaster §3.3).
+"""The style signature of a gesture clip, and its prediction from the voice (GestureMaster §3.3).
 
 The signature is the mean hand speed, radius and height of a clip, defined as in StyleGestures (Alexanderson
 et al. 2020). The paper obtains the wanted signature from a network trained on the audio; here a ridge
@@ -41,7 +41,7 @@ _SLACK = 1e-6
 
 
 def signature(wrists: np.ndarray, right: Sequence[int], fps: float) -> np.ndarray:
-    """Mean hand speed (cm/s), radius (cm) and height (cm) of a clip, float `[shape=(3,)]`.
+    """Compute the mean hand speed (cm/s), radius (cm) and height (cm) of a clip, float `[shape=(3,)]`.
 
         speed  = mean over t of the sum over hands of ||p(t) - p(t - 1)|| * fps
         radius = mean over t of the sum over hands of sqrt(x^2 + z^2)
@@ -65,7 +65,7 @@ def signature(wrists: np.ndarray, right: Sequence[int], fps: float) -> np.ndarra
 
 
 def features(contour: Contour, word_starts: np.ndarray, start: float, end: float) -> np.ndarray:
-    """What the voice does from `start` to before `end` seconds, float `[shape=(P,)]` in the order of FEATURES.
+    """Compute prosody features from `start` to before `end` seconds, float `[shape=(P,)]` in the order of FEATURES.
 
     `_mean` and `_std` are over the stretch, in dB and semitones; `_change` is the mean absolute change from
     value to value, per second; `_rise` is the mean of the second half minus that of the first. Pitch is taken
@@ -96,7 +96,7 @@ def features(contour: Contour, word_starts: np.ndarray, start: float, end: float
 
 
 def _course(values: np.ndarray, rate: float) -> tuple[float, float, float, float]:
-    """Mean, standard deviation, change per second and rise of `values`, leaving out NaN."""
+    """Compute mean, standard deviation, change per second and rise of `values`, leaving out NaN."""
     change = np.abs(np.diff(values)) * rate
     half = len(values) // 2
     rise = _mean(values[len(values) - half :]) - _mean(values[:half])
@@ -105,7 +105,7 @@ def _course(values: np.ndarray, rate: float) -> tuple[float, float, float, float
 
 
 def _mean(values: np.ndarray) -> float:
-    """The mean without NaN; NaN where nothing is left."""
+    """Compute the mean without NaN; NaN where nothing is left."""
     known = values[np.isfinite(values)]
     return float(known.mean()) if len(known) else np.nan
 
@@ -129,7 +129,7 @@ class Regression:
     r2: np.ndarray
     n_clips: int
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("feature_means", "feature_scales", "coefficients", "intercepts", "r2"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
         # A number read from an .npz file is an array.
@@ -137,14 +137,14 @@ class Regression:
 
 
 def predict(regression: Regression, features: np.ndarray) -> np.ndarray:
-    """Style values `[shape=(K, 3)]` for `features` `[shape=(K, P)]`; a NaN feature counts as the mean."""
+    """Predict style values `[shape=(K, 3)]` for `features` `[shape=(K, P)]`; a NaN feature counts as the mean."""
     scaled = _scale(features, regression.feature_means, regression.feature_scales)
     # A voice unlike all of those learned from, by its level alone perhaps, must not ask for what no hand does.
     return np.clip(scaled, -_FARTHEST, _FARTHEST) @ regression.coefficients + regression.intercepts
 
 
-def fit(features: np.ndarray, styles: np.ndarray, groups: Sequence[int], settings: Style) -> Regression:
-    """The ridge regression of style on prosody, cross-validated by recording.
+def fit(features: np.ndarray, styles: np.ndarray, groups: np.ndarray, settings: Style) -> Regression:
+    """Fit the ridge regression of style on prosody, cross-validated by recording.
 
     features : float [shape=(C, P)], NaN where undefined
     styles : float [shape=(C, 3)]
@@ -173,7 +173,7 @@ def fit(features: np.ndarray, styles: np.ndarray, groups: Sequence[int], setting
 
 
 def describe(regression: Regression) -> str:
-    """What was learned and what it is worth, in one line."""
+    """Describe in one line what the regression learned and how well it predicts."""
     none = not (regression.r2 > 0).any()
     parts = []
     for name, r2 in zip(VALUES, regression.r2, strict=True):
@@ -188,7 +188,7 @@ def describe(regression: Regression) -> str:
 
 
 def distances(wanted: np.ndarray, styles: np.ndarray, means: np.ndarray, scales: np.ndarray) -> np.ndarray:
-    """L2 distance of z-scored values between what is wanted and what the clips have, float `[shape=(K, C)]`.
+    """Compute the L2 distances of z-scored values between wanted and existing styles, float `[shape=(K, C)]`.
 
     wanted : float [shape=(K, 3)]; NaN leaves a value out, a row of NaN is at distance 0 from every clip
     styles : float [shape=(C, 3)]
@@ -206,7 +206,7 @@ def distances(wanted: np.ndarray, styles: np.ndarray, means: np.ndarray, scales:
 
 
 def _cross_validate(features: np.ndarray, styles: np.ndarray, groups: np.ndarray, settings: Style) -> np.ndarray:
-    """R2 of each value on clips left out, float `[shape=(3,)]`; the mean of the training clips has 0."""
+    """Compute R2 of each value on clips left out, float `[shape=(3,)]`; the mean of the training clips has 0."""
     errors, spread = np.zeros(styles.shape[1]), np.zeros(styles.shape[1])
     for test in _folds(features, groups, settings.folds):
         train = np.setdiff1d(np.arange(len(features)), test)
@@ -222,7 +222,7 @@ def _cross_validate(features: np.ndarray, styles: np.ndarray, groups: np.ndarray
 
 
 def _folds(features: np.ndarray, groups: np.ndarray, folds: int) -> list[np.ndarray]:
-    """Clips to leave out together: whole recordings or, with one recording, stretches of time.
+    """Group the clips to be left out together: whole recordings or, with one recording, stretches of time.
 
     Clips with the same features are copies of one another (the mirrored ones) and never come apart.
     """
@@ -242,7 +242,7 @@ def _folds(features: np.ndarray, groups: np.ndarray, folds: int) -> list[np.ndar
 
 
 def _ridge(features: np.ndarray, styles: np.ndarray, strength: float) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients `[shape=(P, 3)]` and intercepts `[shape=(3,)]` of the ridge regression on scaled features."""
+    """Fit coefficients `[shape=(P, 3)]` and intercepts `[shape=(3,)]` of the ridge regression on scaled features."""
     from sklearn.linear_model import Ridge
 
     model = Ridge(alpha=strength, solver="cholesky").fit(features, styles)
@@ -250,7 +250,7 @@ def _ridge(features: np.ndarray, styles: np.ndarray, strength: float) -> tuple[n
 
 
 def _scaling(features: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and standard deviation of each feature without NaN; 1 for the deviation of one that does not vary."""
+    """Compute mean and standard deviation of each feature without NaN; a constant feature gets the deviation 1."""
     known = np.isfinite(features)
     counts = np.maximum(known.sum(axis=0), 1)
     means = np.where(known, features, 0.0).sum(axis=0) / counts

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gesturegen.methods.gesture_master import _kernels
 
@@ -33,7 +34,7 @@ class Borders:
     positions: np.ndarray
     rotations: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         points, turns = np.shape(self.positions), np.shape(self.rotations)
         if len(points) != 4 or len(turns) != 4 or points[3] != 3 or turns[3] != 4 or points[:2] != turns[:2]:
             raise ValueError(f"borders need [C, F, J, 3] positions and [C, F, K, 4] rotations, not {points}, {turns}")
@@ -43,7 +44,7 @@ class Borders:
 
     @cached_property
     def side(self) -> _kernels.Side:
-        """What the loops need, in float64."""
+        """Prepare the arrays of the compiled loops, in float64."""
         n_clips, frames = self.positions.shape[:2]
         positions = np.asarray(self.positions, dtype=np.float64)
         turns = np.asarray(self.rotations, dtype=np.float64)
@@ -67,7 +68,7 @@ class Borders:
 
     @cached_property
     def extent(self) -> float:
-        """The largest coordinate."""
+        """Return the largest magnitude of a coordinate."""
         return float(np.abs(self.positions).max(initial=0.0))
 
 
@@ -76,7 +77,7 @@ def _by_component(vectors: np.ndarray) -> np.ndarray:
 
 
 def _matrices(quaternions: np.ndarray) -> np.ndarray:
-    """Rotation matrices, flat `[shape=(..., 9)]`."""
+    """Convert quaternions to rotation matrices, flat `[shape=(..., 9)]`."""
     w, x, y, z = np.moveaxis(quaternions, -1, 0)
     rows = [
         w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y),
@@ -86,8 +87,10 @@ def _matrices(quaternions: np.ndarray) -> np.ndarray:
     return np.stack(rows, axis=-1)
 
 
-def costs(ends: Borders, starts: Borders, lefts, rights, lambda_1: float, lambda_2: float) -> np.ndarray:
-    """T(p, q) `[shape=(N,)]` of pairs of clips p = `lefts`, q = `rights` `[shape=(N,)]`.
+def costs(
+    ends: Borders, starts: Borders, lefts: ArrayLike, rights: ArrayLike, lambda_1: float, lambda_2: float
+) -> np.ndarray:
+    """Compute T(p, q) `[shape=(N,)]` of pairs of clips p = `lefts`, q = `rights` `[shape=(N,)]`.
 
     Equal borders cost exactly 0; small angles keep their relative precision.
     """
@@ -96,7 +99,7 @@ def costs(ends: Borders, starts: Borders, lefts, rights, lambda_1: float, lambda
     if lefts.ndim != 1 or lefts.shape != rights.shape:
         raise ValueError(f"pairs of clips need two lists of one length, not {lefts.shape} and {rights.shape}")
     for clips, borders in ((lefts, ends), (rights, starts)):
-        if len(clips) and not (0 <= clips.min() and clips.max() < len(borders)):
+        if len(clips) and not (clips.min() >= 0 and clips.max() < len(borders)):
             raise ValueError(f"clips must lie in 0 to {len(borders) - 1}")
     return _kernels.costs(ends.side, starts.side, lefts, rights, float(lambda_1), float(lambda_2))
 
@@ -105,7 +108,7 @@ def edges(
     ends: Borders, starts: Borders, first: int, last: int, lambda_1: float, lambda_2: float, limit: float,
     block_pairs: int = BLOCK_PAIRS,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """The edges p -> q, those with T(p, q) < `limit`, to the destinations q from `first` to before `last`.
+    """Find the edges p -> q, those with T(p, q) < `limit`, to the destinations q from `first` to before `last`.
 
     Ordered by q, then by p: the number for each q int64 `[shape=(last - first,)]`, the sources p int32
     `[shape=(E,)]` and the costs float32 `[shape=(E,)]`. A clip may follow itself.
@@ -138,7 +141,7 @@ def quantile(
     ends: Borders, starts: Borders, share: float, lambda_1: float, lambda_2: float, rng: np.random.Generator,
     sample: int = 200_000,
 ) -> float:  # fmt: skip
-    """The quantile `share` (0 to 1, as `np.quantile`) of T(p, q) over pairs of different clips.
+    """Compute the quantile `share` (0 to 1, as `np.quantile`) of T(p, q) over pairs of different clips.
 
     Of all pairs where these are at most `sample`, else of as many drawn from `rng`, with repetition.
     """
@@ -163,7 +166,7 @@ def _check(ends: Borders, starts: Borders, lambda_1: float, lambda_2: float) -> 
 
 
 def _reach(ends: Borders, starts: Borders, lambda_1: float, lambda_2: float, limit: float) -> float:
-    """The lower bound, as computed, up to which a cost, as computed, may be below `limit`.
+    """Compute the greatest lower bound, as rounded, at which a cost, as rounded, may be below `limit`.
 
     sum_f |d_f| >= |sum_f d_f| for the positions. Rotations an angle a apart have matrices 2 sqrt(2) sin(a / 2)
     apart (Frobenius), so over sqrt(2) at most a, and the same holds for their sums over frames.

@@ -25,7 +25,7 @@ class InEdges:
 def search(
     data: np.ndarray, edges: InEdges, missing: float, reuse: float, twins: np.ndarray, weight: float
 ) -> tuple[np.ndarray, float]:
-    """The clips D int `[shape=(n,)]` of n segments of speech that cost the least, and what they cost.
+    """Find the clips D int `[shape=(n,)]` of n segments of speech that cost the least, and their cost.
 
     sum_i data[i, D_i] + weight * sum_i t(D_i, D_i+1) + reuse * (the number of i where D_i+1 is D_i or its twin)
     data : `[shape=(n, C)]`, finite; t(p, q) : the cost of the edge p -> q, `missing` where there is none
@@ -35,7 +35,7 @@ def search(
     before, then `reuse`, the transition and the data cost. Of equally cheap ways to a clip the one from the lowest
     clip is taken, and the lowest of equally cheap last clips.
     """
-    data = np.asarray(np.require(data, np.float64, "CA"))
+    data = np.asarray(np.require(data, np.float64, ["C", "A"]))
     if data.ndim != 2 or 0 in data.shape:
         raise ValueError(f"data costs need one segment and one clip or more, not the shape {data.shape}")
     if not np.isfinite(data).all() or not np.isfinite([missing, reuse, weight]).all():
@@ -60,7 +60,7 @@ def search(
 
 
 def edge_cost(edges: InEdges, source: int, destination: int) -> float | None:
-    """The cost of an edge, None where there is none."""
+    """Look up the cost of an edge; None where there is none."""
     first, last = edges.indptr[destination], edges.indptr[destination + 1]
     place = first + np.searchsorted(edges.sources[first:last], source)
     return float(edges.costs[place]) if place < last and edges.sources[place] == source else None
@@ -68,7 +68,7 @@ def edge_cost(edges: InEdges, source: int, destination: int) -> float | None:
 
 def _checked(edges: InEdges, n_clips: int) -> InEdges:
     # Plain arrays of the same memory, mapped or not; only of the short one an aligned copy may be made.
-    indptr = np.asarray(np.require(edges.indptr, np.int64, "CA"))
+    indptr = np.asarray(np.require(edges.indptr, np.int64, ["C", "A"]))
     sources, costs = np.asarray(edges.sources, dtype=np.int32), np.asarray(edges.costs, dtype=np.float32)
     if indptr.shape != (n_clips + 1,) or sources.ndim != 1 or sources.shape != costs.shape:
         raise ValueError(f"edges of {n_clips} clips have other shapes: {indptr.shape}, {sources.shape}, {costs.shape}")
@@ -80,7 +80,7 @@ def _checked(edges: InEdges, n_clips: int) -> InEdges:
 
 
 def _repeats(twins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The clips p that q repeats, q == p or q == twins[p], of every q, in CSR form."""
+    """List the clips p that q repeats, q == p or q == twins[p], of every q, in CSR form."""
     clips = np.arange(len(twins))
     pairs = np.unique(np.concatenate([clips, twins]) * len(twins) + np.concatenate([clips, clips]))
     destinations, repeats = np.divmod(pairs, len(twins))

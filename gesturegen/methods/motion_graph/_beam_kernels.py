@@ -1,4 +1,4 @@
-"""The beam search loop. Inputs are checked and typed by `beam.py`."""
+"""Compiled loop of the beam search, whose inputs `beam.py` checks and types."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gesturegen.compiled import njit
 def beam_search(
     indptr, indices, weights, stops, starts, natural_start, target, width, shortest, longest, lambda_w, lambda_len
 ):
-    """The cheapest accepted path from `starts`, and its cost; an empty path when there is none.
+    """Find the cheapest accepted path from `starts`, and its cost; an empty path when there is none.
 
     stops : bool per node; natural_start : the node to prefer among equals, -1 for none
     shortest, longest : accepted lengths; target : the length wanted

@@ -1,4 +1,4 @@
-"""The loops of the global search. Inputs are checked and typed by `global_search.py`.
+"""Compiled loops of the global search, whose inputs `global_search.py` checks and types.
 
 Costs run backwards: what remains to be paid from a node in a frame of the speech to the end of the window.
 """
@@ -21,7 +21,7 @@ NATURAL, HOLD = -1, -2  # how a path goes on; a number from 0 on is the node tha
 
 
 class Joins(NamedTuple):
-    """What a graph offers to a search, for N nodes, of which G are gates: joins lead from gates to gates.
+    """Tables of a graph for the search, of N nodes, G of which are gates: joins lead from gates to gates.
 
     successors, left : int [shape=(N,)], the natural successor (itself at a segment's end); nodes to the segment's end
     starts, ends : int [shape=(S,)], the first and last node of each segment
@@ -61,7 +61,7 @@ class Joins(NamedTuple):
 
 
 class Work(NamedTuple):
-    """What a search writes into, for N nodes and B blocks of `BLOCK` gates in H halls of as many blocks.
+    """Work arrays of a search, for N nodes and B blocks of `BLOCK` gates in H halls of as many blocks.
 
     sums, remains : [shape=(min_stay + 1, N)], of the last frames: the costs along natural successors, and what remains
         after a node
@@ -97,13 +97,16 @@ class Work(NamedTuple):
 
 
 def work_for(joins: Joins, min_stay: int) -> Work:
-    """Room for a search with stays of so many frames at least."""
+    """Allocate the work arrays for a search with stays of `min_stay` frames at least."""
     n_nodes, n_gates, (n_blocks, n_halls) = len(joins.successors), len(joins.gates), joins.halls.shape
     words = np.zeros(-(-n_blocks // 8), dtype=np.int64)
+    sums, remains = np.empty((2, min_stay + 1, n_nodes))
+    prices, earned, free, entered = np.empty((4, n_nodes))
+    room = np.full(n_blocks * BLOCK, -np.inf, dtype=np.float32)
+    costs = np.full(n_blocks * BLOCK, np.inf, dtype=np.float32)
+    least, most = np.empty((2, n_blocks), dtype=np.float32)
     return Work(
-        *np.empty((2, min_stay + 1, n_nodes)), *np.empty((4, n_nodes)),
-        np.full(n_blocks * BLOCK, -np.inf, dtype=np.float32), np.full(n_blocks * BLOCK, np.inf, dtype=np.float32),
-        np.empty(n_blocks * BLOCK, dtype=np.int32), *np.empty((2, n_blocks), dtype=np.float32),
+        sums, remains, prices, earned, free, entered, room, costs, np.empty(n_blocks * BLOCK, dtype=np.int32), least, most,
         np.empty(n_halls, dtype=np.float32),
         np.zeros(MOST_TARGETS, dtype=np.int64), np.zeros(1, dtype=np.int64), np.zeros(MOST_TRIED, dtype=np.int64),
         np.zeros(n_gates, dtype=np.bool_), words.view(np.bool_), words,
@@ -111,7 +114,7 @@ def work_for(joins: Joins, min_stay: int) -> Work:
 
 
 class Prices(NamedTuple):
-    """What frames cost, for T frames of speech and N nodes.
+    """Costs of frames, for T frames of speech and N nodes.
 
     states : int [shape=(T,)]; shown, holding : [shape=(S, N)], of showing a node and of holding it, by state
     gains : [shape=(R, T)], rewards : [shape=(R, N)]; their products are taken off the cost of coming to a node
@@ -132,7 +135,7 @@ class Prices(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _frame_costs(frame, prices, costs, earned):
-    """What it costs to come to each node in a frame, and what of that is earned by the way, both [shape=(N,)]."""
+    """Compute what it costs to come to each node in a frame, and what of that is earned on the way, [shape=(N,)]."""
     costs[:] = prices.shown[prices.states[frame]]
     earned[:] = 0.0
     for row in range(len(prices.gains)):
@@ -183,7 +186,7 @@ def solve(first_frame, last_frame, after, min_stay, prices, joins, work, actions
 
 @njit(cache=True, nogil=True)
 def _add(costs, ahead, here, is_last, joins):
-    """The costs along natural successors, from those of the frame ahead."""
+    """Sum the costs along natural successors, from those of the frame ahead."""
     here[:] = costs
     if is_last:
         return
@@ -196,7 +199,7 @@ def _add(costs, ahead, here, is_last, joins):
 
 @njit(cache=True, nogil=True)
 def _enter(frame, last_frame, after, min_stay, joins, work):
-    """What a stay costs that begins at each node: its shortest length, then what remains."""
+    """Compute what a stay costs that begins at each node: its shortest length, then what remains."""
     sums, remains, entered = work.sums, work.remains, work.entered
     depth = len(sums)
     left_in_window = last_frame - frame
@@ -226,7 +229,7 @@ def _enter(frame, last_frame, after, min_stay, joins, work):
 
 @njit(cache=True, nogil=True)
 def _finish(rest, after, earned, prices, joins, chosen, frame):
-    """What remains after the last frame of a window.
+    """Compute what remains after the last frame of a window.
 
     earned : [shape=(N,)], by the way in the frame that follows
     """
@@ -249,7 +252,7 @@ def _finish(rest, after, earned, prices, joins, chosen, frame):
 
 @njit(cache=True, nogil=True)
 def _go_on(rest, free, holding, earned, joins, chosen):
-    """The cheaper of the natural successor and a hold, for every node. What is held earns nothing."""
+    """Choose the cheaper of the natural successor and a hold, for every node. A held frame earns nothing."""
     for segment in range(len(joins.starts)):
         first, end = joins.starts[segment], joins.ends[segment]
         rests, ways, here, onwards = rest[first:end], chosen[first:end], free[first:end], free[first + 1 : end + 1]
@@ -263,7 +266,7 @@ def _go_on(rest, free, holding, earned, joins, chosen):
 
 @njit(cache=True, nogil=True)
 def _join(rest, price, joins, chosen, work, caps):
-    """The cheapest join of every gate, where that is cheaper than how it goes on otherwise.
+    """Find the cheapest join of every gate, where that is cheaper than how the path goes on otherwise.
 
     Joins to the targets of the frame ahead are tried first, since what is worth joining to there has a forerunner that
     likely is here. What else may be cheaper is found block by block: no pose of one block of nodes is nearer to one
@@ -325,7 +328,7 @@ def _join(rest, price, joins, chosen, work, caps):
 
 @njit(cache=True, nogil=True, fastmath=REORDERED_MINIMA)
 def _bound_blocks(costs, room, least, most):
-    """The least cost and the most room of each block."""
+    """Compute the least cost and the most room of each block."""
     for block in range(len(least)):
         cost, space = costs[block * BLOCK : (block + 1) * BLOCK], room[block * BLOCK : (block + 1) * BLOCK]
         low, high = cost[0], space[0]
@@ -336,7 +339,7 @@ def _bound_blocks(costs, room, least, most):
 
 @njit(cache=True, nogil=True, fastmath=REORDERED_MINIMA)
 def _bound_halls(most, hall_most):
-    """The most room of each `BLOCK` blocks."""
+    """Compute the most room of each `BLOCK` blocks."""
     for hall in range(len(hall_most)):
         part = most[hall * BLOCK : (hall + 1) * BLOCK]
         high = part[0]
@@ -347,14 +350,14 @@ def _bound_halls(most, hall_most):
 
 @njit(cache=True, nogil=True)
 def _cheapest(costs, least):
-    """The first of the gates at which a stay costs least."""
+    """Find the first of the gates at which a stay costs least."""
     block = np.argmin(least)
     return block * BLOCK + np.argmin(costs[block * BLOCK : (block + 1) * BLOCK])
 
 
 @njit(cache=True, nogil=True, inline="always")
 def _may_win(cost, bounds, most):
-    """Whether there is room for a cost and its bound anywhere."""
+    """Tell whether a cost with its bound is below the room left anywhere."""
     found = False
     for block in range(len(most)):
         found |= cost + bounds[block] < most[block]
@@ -363,7 +366,7 @@ def _may_win(cost, bounds, most):
 
 @njit(cache=True, nogil=True)
 def _try_block(other, n_tried, joins, work):
-    """Join to the gates of one block; returns how many targets have been tried then."""
+    """Join to the gates of one block; return how many targets have been tried by then."""
     matrix, rows, barred, detours = joins.matrix, joins.rows, joins.barred, joins.detours
     costs, most, tried, is_tried = work.costs, work.most, work.tried, work.is_tried
     for target in range(other * BLOCK, min((other + 1) * BLOCK, len(detours))):
@@ -389,7 +392,7 @@ def _try_block(other, n_tried, joins, work):
 
 @njit(cache=True, nogil=True, inline="always")
 def _way_by(target, cost, n_tried, tried, costs, matrix, detours, shift, slack):
-    """A target that has been tried, by way of which a stay at another one costs no less; -1 where there is none."""
+    """Find a tried target by way of which a stay at another one costs no less; -1 where there is none."""
     if target < shift:
         return -1
     limit = np.float64(cost) - detours[target] - slack
@@ -438,7 +441,7 @@ def _join_from(first_block, end_block, target, cost, row, barred, room, to, most
 
 @njit(cache=True, nogil=True, inline="always")
 def _lower(values, by, row, cost, name):
-    """Lower values to a row of costs and one more where that is less, and say by which row."""
+    """Lower values to a row of costs and one more where that is less, and record by which row."""
     name = np.int32(name)
     for k in range(len(values)):
         new = cost + row[k]
@@ -469,7 +472,7 @@ def add_distances(found, products, to_squares, from_squares, weight):
 
 @njit(cache=True, nogil=True, fastmath=REORDERED_MINIMA)
 def bound(matrix, barred, rows, blocks, halls, nearest):
-    """Lower to the least costs of joins: to each gate and to each block, from blocks and halls, and from each gate."""
+    """Lower `rows`, `blocks`, `halls` and `nearest` to the least costs of joins in `matrix`."""
     for target in range(len(matrix)):
         for block in range(rows.shape[1]):
             costs = matrix[target, block * BLOCK : (block + 1) * BLOCK]
@@ -560,7 +563,7 @@ def cap(nodes, first_frame, last_frame, before, after, min_stay, prices, joins, 
 
 @njit(cache=True, nogil=True)
 def _pay(frame, paid, new, costs, holding, earned, begun, sums, joins):
-    """What a path has paid at least, up to a frame, that comes to each node and may do as it likes there."""
+    """Compute the least that a path has paid, up to a frame, that comes to each node and may do as it likes there."""
     depth = len(begun)
     min_stay = depth - 1
     here, back, old = sums[frame % depth], sums[(frame - 1) % depth], sums[(frame - min_stay) % depth]
@@ -591,7 +594,7 @@ def _pay(frame, paid, new, costs, holding, earned, begun, sums, joins):
 
 @njit(cache=True, nogil=True)
 def _nearest(paid, gates, nearest):
-    """What a path has paid at least that has just joined, without the price of that."""
+    """Compute the least that a path has paid that has just joined, without the price of the join."""
     least = np.inf
     for gate in range(len(gates)):
         least = min(least, paid[gates[gate]] + nearest[gate])
@@ -600,7 +603,7 @@ def _nearest(paid, gates, nearest):
 
 @njit(cache=True, nogil=True)
 def _step(node, other, holding, earned, price, joins):
-    """What the step from one node to another costs beside showing it."""
+    """Compute what the step from one node to another costs beside the price of showing it."""
     if joins.left[node] > 1 and other == node + 1:
         return 0.0
     if other == node:
@@ -622,7 +625,7 @@ def _largest(values):
 
 @njit(cache=True, nogil=True)
 def repeated(nodes, bounds, n_nodes, near, most_frames):
-    """Whether each frame shows a node within `near` of one that another stay showed less than `most_frames` before.
+    """Mark frames that show a node within `near` of one that another stay showed less than `most_frames` before.
 
     bounds : the first frame of each stay, and the number of frames
     """
@@ -641,7 +644,7 @@ def repeated(nodes, bounds, n_nodes, near, most_frames):
 
 @njit(cache=True, nogil=True)
 def marks(nodes, bounds, first, last, reach, near, n_nodes, inside):
-    """For the frames [first, last), nodes near those that other stays show up to `reach` frames before or after.
+    """List, for the frames [first, last), nodes near those that other stays show up to `reach` frames before or after.
 
     Rows of the frame, the first node and the node after the last, in order of frames, as in `Prices`.
     inside : whether stays of [first, last) count as well
@@ -664,7 +667,7 @@ def marks(nodes, bounds, first, last, reach, near, n_nodes, inside):
 
 @njit(cache=True, nogil=True)
 def follow(node, age, first_frame, last_frame, min_stay, joins, actions):
-    """The best path from a node in a frame on `[shape=(last_frame - first_frame,)]`.
+    """Follow the best path from a node in a frame on `[shape=(last_frame - first_frame,)]`.
 
     age : for how many frames the node's stay has lasted, this one included
     """

@@ -1,4 +1,4 @@
-"""Loops of the graph that cannot be arrays. Inputs are checked and typed by the public functions.
+"""Compiled loops of the graph's construction, whose inputs the public functions check and type.
 
 No fast-math: sums run in one fixed order, so that a distance has the same bits wherever it is computed.
 """
@@ -13,7 +13,7 @@ from gesturegen.compiled import njit
 
 @njit(cache=True, nogil=True)
 def thresholds(poses, velocities, ends, l_cn, lambda_pos, lambda_vel):
-    """Mean distance of each frame to the next `l_cn` frames of its segment; NaN for a segment's last frame."""
+    """Compute the mean distance of each frame to the next `l_cn` frames of its segment; NaN for a segment's last."""
     out = np.full(len(poses), np.nan)
     for left in range(len(poses)):
         last = min(left + l_cn, ends[left])
@@ -28,7 +28,7 @@ def thresholds(poses, velocities, ends, l_cn, lambda_pos, lambda_vel):
 
 @njit(cache=True, nogil=True)
 def confirm(first_left, mask, poses, velocities, limits, lambda_pos, lambda_vel):
-    """Of the pairs marked in `mask` (left rows from `first_left`), those with distance below the left's limit.
+    """Select, of the pairs marked in `mask` (left rows from `first_left`), those with distance below the left's limit.
 
     Returns parallel arrays left, right, distance in ascending (left, right) order, and the count.
     """
@@ -67,7 +67,7 @@ def _grown(array, capacity):
 
 @njit(cache=True, nogil=True)
 def thin_runs(lefts, rights, segments, l_pn):
-    """Pruning 1: of each run of consecutive rights inside one segment, keep every `l_pn`-th from the first."""
+    """Apply pruning 1: of each run of consecutive rights inside one segment, keep every `l_pn`-th from the first."""
     keep = np.zeros(len(lefts), dtype=np.bool_)
     run = 0
     for k in range(len(lefts)):
@@ -82,7 +82,7 @@ def thin_runs(lefts, rights, segments, l_pn):
 
 @njit(cache=True, nogil=True)
 def drop_neighbours(lefts, rights, starts, ends, l_pn):
-    """Pruning 2: drop a candidate when the graph already holds an edge near it, in either direction.
+    """Apply pruning 2: drop a candidate when the graph already holds an edge near it, in either direction.
 
     lefts ascend; starts, ends : first and last frame of each frame's segment. Natural edges are in the
     graph from the beginning; the candidates of one left frame do not see each other.
@@ -116,7 +116,7 @@ def drop_neighbours(lefts, rights, starts, ends, l_pn):
 
 @njit(cache=True, nogil=True)
 def _has_natural(left, right, starts, ends, l_pn):
-    """Whether a natural edge a -> a + 1 joins the neighbourhoods of `left` and `right`, either way round."""
+    """Tell whether a natural edge a -> a + 1 joins the neighbourhoods of `left` and `right`, either way round."""
     if starts[left] != starts[right]:
         return False
     for here, there in ((left, right), (right, left)):
@@ -129,7 +129,7 @@ def _has_natural(left, right, starts, ends, l_pn):
 
 @njit(cache=True, nogil=True)
 def _has_kept(near, far, kept, begins, stops, starts, ends, l_pn):
-    """Whether an edge kept for an earlier left frame leads from near `near` to near `far`."""
+    """Tell whether an edge kept for an earlier left frame leads from near `near` to near `far`."""
     for a in range(max(near - l_pn, starts[near]), min(near + l_pn, ends[near]) + 1):
         for edge in range(begins[a], stops[a]):
             if abs(kept[edge] - far) <= l_pn and starts[kept[edge]] == starts[far]:

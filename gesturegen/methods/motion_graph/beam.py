@@ -13,12 +13,12 @@ _RATIO_SLACK = 1e-9
 
 
 def accepted_lengths(target: int, settings: Beam) -> tuple[int, int]:
-    """The shortest and longest path length, in nodes, accepted for a piece of `target` frames."""
+    """Compute the shortest and longest path length, in nodes, accepted for a piece of `target` frames."""
     return ratio_lengths(target, settings.min_ratio, settings.max_ratio)
 
 
 def ratio_lengths(target: int, min_ratio: float, max_ratio: float) -> tuple[int, int]:
-    """The shortest and longest length, at least 1, whose ratio to `target` lies between the two."""
+    """Compute the shortest and longest length, at least 1, whose ratio to `target` lies between the two."""
     shortest = int(np.ceil(min_ratio * target - _RATIO_SLACK))
     longest = int(np.floor(max_ratio * target + _RATIO_SLACK))
     return max(shortest, 1), longest
@@ -27,7 +27,7 @@ def ratio_lengths(target: int, min_ratio: float, max_ratio: float) -> tuple[int,
 def search(
     graph: MotionGraph, stops: np.ndarray, starts: np.ndarray, target: int, settings: Beam, natural_start: int = -1
 ) -> tuple[np.ndarray | None, float]:
-    """The cheapest accepted path `[shape=(n,)]` from any of `starts` to a stop node, and its cost; None without one.
+    """Find the cheapest accepted path `[shape=(n,)]` from `starts` to a stop node, and its cost; None without one.
 
     stops : bool `[shape=(N,)]`; target : the piece's length in frames. A path is terminated when its last
     node is a stop node and it has at least two nodes (one suffices for a piece of one frame). Terminated

@@ -13,7 +13,7 @@ from gesturegen.settings.models import Continuity
 
 
 def small_graph() -> MotionGraph:
-    """A graph of a few frames, in whose building all loops run."""
+    """Build a graph of a few frames, in whose building all loops run."""
     positions = np.cumsum(np.random.default_rng(0).normal(size=(50, 2, 3)), axis=0).astype(np.float32)
     key_nodes = KeyNodes(np.array([20, 49]), np.array(["onset", "break"]), np.array(["", ""]))
     # Graphs' arrays are read-only, which is a type of its own to numba.
@@ -25,13 +25,13 @@ def small_graph() -> MotionGraph:
 
 
 def compile_beam() -> None:
-    """Search a small graph piece by piece."""
+    """Compile the loops of the beam search: search a small graph piece by piece."""
     built = small_graph()
     beam.search(built, built.stop_nodes(None), np.array([0]), 20, load_config().beam)
 
 
 def compile_global() -> None:
-    """Search a small graph as a whole."""
+    """Compile the loops of the global search: search a small graph as a whole."""
     built, speech, config = small_graph(), Speech("noise", np.array([0.5]), (), 40, 30.0), load_config()
     global_search.search(built, speech, config)
     # So short a path shows nothing again, for which windows of it would be solved again.

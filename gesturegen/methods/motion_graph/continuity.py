@@ -21,7 +21,7 @@ _UNIT_ROUNDOFF = float(np.finfo(np.float32).eps) / 2
 
 
 def thresholds(poses: np.ndarray, speeds: np.ndarray, segment_starts: np.ndarray, settings: Continuity) -> np.ndarray:
-    """The dynamic threshold of each frame `[shape=(T,)]`: its mean distance to the next `l_cn` frames.
+    """Compute the dynamic threshold of each frame `[shape=(T,)]`: its mean distance to the next `l_cn` frames.
 
     Fewer at a segment's end; NaN for a segment's last frame, which has no unnatural edge.
     """
@@ -32,7 +32,7 @@ def thresholds(poses: np.ndarray, speeds: np.ndarray, segment_starts: np.ndarray
 def candidate_blocks(
     poses: np.ndarray, speeds: np.ndarray, limits: np.ndarray, settings: Continuity, block_pairs: int = BLOCK_PAIRS
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Candidate pairs in ascending (left, right) order, in blocks: lefts, rights, distances, each `[shape=(K,)]`.
+    """Yield candidate pairs in ascending (left, right) order, in blocks: lefts, rights, distances `[shape=(K,)]`.
 
     A candidate of l is every r not in {l, l + 1} with d(l, r) < threshold(l), over all segments.
     """
@@ -63,11 +63,11 @@ class Products:
         self.slack = 2.0 * (points.shape[1] + 8) * _UNIT_ROUNDOFF * (2.0 * norm) ** 2
 
     def of(self, lefts: slice) -> np.ndarray:
-        """a . b `[shape=(L, T)]` of scaled points: half their squares minus it is half their distance's square."""
+        """Compute a . b `[shape=(L, T)]` of scaled points: half their squares less it is half the distance's square."""
         return self.points[lefts] @ self.points.T
 
     def within(self, lefts: slice, limits: np.ndarray, weight: float) -> np.ndarray:
-        """bool `[shape=(L, T)]`: False only where `weight` times the distance is at least the left's limit."""
+        """Mark pairs bool `[shape=(L, T)]`, False only where `weight` times the distance reaches the left's limit."""
         if weight == 0.0:
             return np.broadcast_to(limits[:, None] > 0, (len(limits), len(self.points))).copy()
         reach = np.where(limits > 0, (limits / (weight * self.scale)) ** 2 + self.slack, -np.inf)

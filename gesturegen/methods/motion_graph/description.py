@@ -1,4 +1,4 @@
-"""A graph in figures.
+"""Statistics of a motion graph.
 
 A piece of a graph is a stretch from one key node to the next within a segment; the lead-in of a segment, from
 its first node to its first key node, is one too.
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from functools import partial
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -27,7 +27,7 @@ _QUANTILES = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
 def describe_graph(graph: MotionGraph) -> dict:
-    """All figures of a graph, ready for JSON; lengths in frames unless named otherwise."""
+    """Compute all figures of a graph, ready for JSON; lengths in frames unless named otherwise."""
     nodes, edges = graph.n_nodes, len(graph.indices)
     degrees = np.diff(graph.indptr)
     lengths, starts = piece_lengths(graph)
@@ -69,7 +69,7 @@ def describe_graph(graph: MotionGraph) -> dict:
 
 
 def piece_lengths(graph: MotionGraph) -> tuple[np.ndarray, np.ndarray]:
-    """Lengths in frames and first nodes of the graph's pieces, int `[shape=(P,)]` each."""
+    """Compute lengths in frames and first nodes of the graph's pieces, int `[shape=(P,)]` each."""
     lengths, starts = [], []
     for first, last in zip(graph.segment_starts, graph.segment_ends, strict=True):
         marks = graph.key_nodes.frames
@@ -80,7 +80,7 @@ def piece_lengths(graph: MotionGraph) -> tuple[np.ndarray, np.ndarray]:
 
 
 def describe_components(graph: MotionGraph, kind: str) -> dict:
-    """Connected components by edges along their direction (`strong`) or regardless of it (`weak`).
+    """Describe the connected components by edges along their direction (`strong`) or regardless of it (`weak`).
 
     From any frame of a strong component every other one of it can be reached.
     """
@@ -95,7 +95,7 @@ def describe_components(graph: MotionGraph, kind: str) -> dict:
 
 
 def unnatural_degrees(graph: MotionGraph) -> np.ndarray:
-    """Unnatural edges that leave each node `[shape=(N,)]`."""
+    """Count the unnatural edges that leave each node `[shape=(N,)]`."""
     rows = np.repeat(np.arange(graph.n_nodes), np.diff(graph.indptr))
     return np.bincount(rows[~graph.natural], minlength=graph.n_nodes)
 
@@ -105,12 +105,13 @@ def _quantiles(values: np.ndarray) -> list[float] | None:
 
 
 def describe_node(graph: MotionGraph, node: int) -> dict:
+    """Name the clip and the recorded frame of a node."""
     clip = int(np.searchsorted(graph.clip_starts, node, side="right") - 1)
     return {"clip": graph.clip_names[clip], "source_frame": int(graph.source_frames[node])}
 
 
 def graph_lines(facts: Mapping) -> list[str]:
-    """The figures of `describe_graph` for reading."""
+    """Format the figures of `describe_graph` for reading."""
     edges, pieces, kinds = facts["edges"], facts["pieces"], facts["key_nodes"]
     lines = [
         f"frames: {facts['frames']} ({facts['seconds']:.1f} s at {facts['fps']:g} fps), {facts['joints']} joints, "
@@ -146,13 +147,13 @@ def _spread(quantiles: list[float] | None, digits: int = 0) -> str:
 
 
 def inspect(graph: MotionGraph) -> Inspection:
-    """All figures of a graph, and its pictures."""
+    """Describe a graph with all its figures and plots."""
     facts = describe_graph(graph)
     return Inspection(facts, graph_lines(facts), partial(plot_graph, graph))
 
 
 def lines(graph: MotionGraph, config: Config) -> list[str]:
-    """What `build-graph` says of a graph."""
+    """Describe a graph in lines for the output of `build-graph`."""
     kinds = ", ".join(f"{int(np.sum(graph.key_nodes.kinds == kind))} {kind}" for kind in ("onset", "keyword", "break"))
     line = (
         f"{graph.n_nodes} nodes, {int(np.sum(graph.natural))} natural and {int(np.sum(~graph.natural))} unnatural edges, "
@@ -162,7 +163,7 @@ def lines(graph: MotionGraph, config: Config) -> list[str]:
 
 
 def _beat_lag(graph: MotionGraph, config: Config) -> list[str]:
-    """A line on how long after the onsets of a reference its hands stop, if both are known."""
+    """Say in a line how long after the onsets of a reference its hands stop, if both are known."""
     measured = rewards.measure_beat_lag(graph, config)
     if measured is None:
         return []
@@ -179,7 +180,7 @@ def _beat_lag(graph: MotionGraph, config: Config) -> list[str]:
 
 
 def plot_graph(graph: MotionGraph, title: str, file: BinaryIO) -> None:
-    """A PNG with the adjacency picture (edges by source and target time) and the degree histogram."""
+    """Draw a PNG with the adjacency picture (edges by source and target time) and the degree histogram."""
     figure = new_figure()
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
     seconds = graph.n_nodes / graph.fps
@@ -202,8 +203,8 @@ def plot_graph(graph: MotionGraph, title: str, file: BinaryIO) -> None:
     save_figure(figure, title, file)
 
 
-def _draw_density(figure, axes, rows: np.ndarray, columns: np.ndarray, seconds: float) -> None:
-    """So many edges that dots would hide each other: how many there are in each small square."""
+def _draw_density(figure: Any, axes: Any, rows: np.ndarray, columns: np.ndarray, seconds: float) -> None:
+    """Draw edges as counts in small squares, where they are so many that dots would hide each other."""
     edges = np.linspace(0.0, seconds, 301)
     counts, _, _ = np.histogram2d(rows, columns, bins=(edges, edges))
     # One edge must be as visible as a cluster, so the scale is logarithmic and squares without any are white.

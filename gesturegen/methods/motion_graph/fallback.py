@@ -1,4 +1,4 @@
-"""What gives way when a piece finds no path (A.1.1): first its keyword, then stop nodes one by one."""
+"""Fallbacks of a piece that finds no path (A.1.1): it gives up first its keyword, then stop nodes one by one."""
 
 from __future__ import annotations
 
@@ -24,10 +24,11 @@ class StopNodes:
 
     @property
     def last_retry(self) -> int:
+        """Return the number of the last retry."""
         return self.settings.max_retries if self.settings.fallbacks else self.settings.failure_retries
 
     def for_attempt(self, retry: int) -> np.ndarray:
-        """bool `[shape=(N,)]`; call it once for each attempt, in order."""
+        """Return the stop nodes of an attempt, bool `[shape=(N,)]`; call it once for each attempt, in order."""
         if not self.settings.fallbacks:
             return self.stops
         if self.keyword and retry == self.settings.keyword_retries + 1:

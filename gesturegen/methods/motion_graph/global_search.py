@@ -3,9 +3,9 @@
 A path names one node per frame of the speech; between joins it stays in the recording at its own pace. Onsets,
 keywords and phrases of the speech are rewards where the recording answers them, a join has a fixed price and the
 distance between its poses, and a stay has a shortest length. The cheapest path is found by dynamic programming over
-frames and nodes, exactly (in large
-graphs among every k-th node for joins) but for what is shown again: windows of the path are solved again with a price on what the
-rest of it shows, and kept where the objective (`objective.py`) falls. It never fails: every node may be held.
+frames and nodes, exactly (in large graphs among every k-th node for joins) but for what is shown again: windows of the
+path are solved again with a price on what the rest of it shows, and kept where the objective (`objective.py`) falls.
+The search never fails: every node may be held.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def search(
     graph: MotionGraph, speech: Speech, config: Config, used: np.ndarray | None = None,
     control: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
 ) -> Result:  # fmt: skip
-    """The cheapest path for a speech.
+    """Find the cheapest path for a speech.
 
     used : `[shape=(N,)]`, a price of every frame that shows the node, for what other variants show already
     control : for each frame the number of the set of demands that holds there `[shape=(n_frames,)]`, and for each set
@@ -68,7 +68,7 @@ def price_list(
     graph: MotionGraph, speech: Speech, config: Config, used: np.ndarray | None = None,
     control: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
 ) -> PriceList:  # fmt: skip
-    """The prices of a graph's nodes for a speech; the arguments are those of `search`."""
+    """Collect the prices of a graph's nodes for a speech; the arguments are those of `search`."""
     return PriceList(
         graph, config, speaking_of(speech, config.pauses), rewards.find(graph, speech, config),
         np.zeros(graph.n_nodes) if used is None else used, *(control or ()),
@@ -76,7 +76,7 @@ def price_list(
 
 
 def _stays(nodes: np.ndarray, prices: PriceList) -> tuple[Piece, ...]:
-    """The path cut at its joins, each stay with its costs by term; the join into a stay counts with it."""
+    """Cut the path at its joins into stays, each with its costs by term; the join into a stay counts with it."""
     costs = objective.terms(nodes, prices)
     pieces = []
     for start, end in pairwise(objective.stay_bounds(nodes, prices.graph).tolist()):
@@ -105,7 +105,7 @@ def spread_rests(nodes: np.ndarray, prices: PriceList) -> np.ndarray:
 
 
 class Problem:
-    """One graph, one speech: the arrays of the dynamic program, for the whole path or for a window of it."""
+    """The dynamic program of one graph and one speech: its arrays, for the whole path or for a window of it."""
 
     def __init__(self, prices: PriceList, n_frames: int):
         self.prices, self.n_frames = prices, n_frames
@@ -136,7 +136,7 @@ class Problem:
         self, first: int = 0, last: int | None = None, before: int = -1, after: int = -1,
         marks: np.ndarray | None = None, present: np.ndarray | None = None,
     ) -> np.ndarray:  # fmt: skip
-        """The cheapest nodes `[shape=(last - first,)]` for the frames [first, last).
+        """Find the cheapest nodes `[shape=(last - first,)]` for the frames [first, last).
 
         before, after : the nodes that are shown before and after them, the first at the end of a stay that is long
             enough; -1 for none
@@ -155,7 +155,7 @@ class Problem:
         return nodes[first - begin :]
 
     def solve_again(self, nodes: np.ndarray, first: int, last: int, inside: bool = False) -> np.ndarray:
-        """The cheapest nodes for a window of a path, with a price on what the rest of it shows.
+        """Find the cheapest nodes for a window of a path, with a price on what the rest of it shows.
 
         inside : whether what the window's own stays show is priced as well
         """
@@ -165,7 +165,7 @@ class Problem:
         )  # fmt: skip
 
     def sweep(self, nodes: np.ndarray, stays: int) -> np.ndarray:
-        """Solve windows of so many stays again, one after the other, with a price on what the rest of the path shows.
+        """Solve windows of `stays` stays again, one by one, with a price on what the rest of the path shows.
 
         A window in which nothing is shown again is left as it is, and so is one whose new path costs no less.
         """
@@ -191,7 +191,7 @@ class Problem:
         return nodes
 
     def _long_enough(self, nodes: np.ndarray) -> bool:
-        """Whether every stay is as long as it must be; what follows a window may have become shorter."""
+        """Tell whether every stay is as long as it must be; what follows a window may have become shorter."""
         bounds = objective.stay_bounds(nodes, self.prices.graph)
         starts, lengths = bounds[:-1], np.diff(bounds)
         least = np.minimum(self.min_stay, self.joins.left[nodes[starts]])
@@ -199,7 +199,7 @@ class Problem:
         return bool((lengths >= least).all())
 
     def _marks(self, nodes: np.ndarray, first: int, last: int, inside: bool = False) -> np.ndarray:
-        """The ranges of nodes that other stays show a short while before or after each frame of [first, last).
+        """List ranges of nodes that other stays show a short while before or after each frame of [first, last).
 
         inside : whether stays of this window count as well, not only those outside it
         """
@@ -210,7 +210,7 @@ class Problem:
 
 @lru_cache(maxsize=1)
 def joins_of(graph: MotionGraph, lambda_join: float, stutter: int, metric: Continuity) -> kernels.Joins:
-    """What the kernels need of a graph; test clips that share it share this too.
+    """Build the kernels' tables of a graph; test clips that share the graph share the tables too.
 
     stutter : no join may jump so few frames or less, back or ahead, within a segment
     """
@@ -250,7 +250,7 @@ def joins_of(graph: MotionGraph, lambda_join: float, stutter: int, metric: Conti
 def _matrix(
     graph: MotionGraph, gates: np.ndarray, lambda_join: float, metric: Continuity
 ) -> tuple[np.ndarray, float]:  # fmt: skip
-    """The costs of joins to each gate from each other one, float32 `[shape=(G, B * BLOCK)]`, and four times their error."""
+    """Compute the costs of joins between gates, float32 `[shape=(G, B * BLOCK)]`, and four times their error."""
     # Whole blocks of columns, so that the loops over a block are of one length.
     width = -(-len(gates) // kernels.BLOCK) * kernels.BLOCK
     found = np.zeros((len(gates), width), dtype=np.float32)
@@ -258,8 +258,8 @@ def _matrix(
     ahead = graph.successors[gates]
     error = 0.0
     for points, weight in ((graph.poses, metric.lambda_pos), (graph.velocities, metric.lambda_vel)):
-        points = points - points.mean(axis=0)
-        to, froms = points[gates], points[ahead]
+        centred = points - points.mean(axis=0)
+        to, froms = centred[gates], centred[ahead]
         squares = (to**2).sum(axis=1), (froms**2).sum(axis=1)
         doubled = np.ascontiguousarray(-2.0 * froms.T)
         for rows in np.array_split(np.arange(len(gates)), max(1, len(gates) // 256)):

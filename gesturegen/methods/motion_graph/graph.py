@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +26,7 @@ FORMAT_VERSION = 4
 
 @dataclass(frozen=True, eq=False)
 class MotionGraph(ReferenceFrames):
-    """Edges between the frames of the references, in CSR form.
+    """A motion graph: edges between the frames of the references, in CSR form.
 
     indptr : int [shape=(N + 1,)], indices : int [shape=(E,)], ascending in each row
     weights : float32 [shape=(E,)], 0 for natural edges; natural : bool [shape=(E,)]
@@ -42,7 +43,7 @@ class MotionGraph(ReferenceFrames):
 
     mapped = False
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         if (
             len(self.indptr) != self.n_nodes + 1
@@ -57,21 +58,22 @@ class MotionGraph(ReferenceFrames):
 
     @cached_property
     def poses(self) -> np.ndarray:
-        """Flattened positions, float64 `[shape=(N, J * 3)]`."""
+        """Flatten the positions, float64 `[shape=(N, J * 3)]`."""
         return pose_distance.flatten(self.positions)
 
     @cached_property
     def velocities(self) -> np.ndarray:
-        """Of the poses, per frame, `[shape=(N, J * 3)]`."""
+        """Compute the velocities of the poses, per frame, `[shape=(N, J * 3)]`."""
         return pose_distance.velocities(self.poses, self.segment_starts)
 
     def children(self, node: int) -> np.ndarray:
+        """Return the nodes that edges lead to from a node, ascending."""
         return self.indices[self.indptr[node] : self.indptr[node + 1]]
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """What a recording brings: `frames.describe`, positions, and the frames at which phrases of its speech end."""
+    """The part of a graph from one recording: `frames.describe`, positions, and the frames where its phrases end."""
 
     described: dict
     skeleton: Skeleton
@@ -80,7 +82,7 @@ class Part:
 
 
 def part(reference: Reference, config: Config) -> Part:
-    """What one reference brings to a graph; DataError when its skeleton lacks a configured joint."""
+    """Extract one reference's part of a graph; DataError when its skeleton lacks a configured joint."""
     return Part(
         describe(reference, config),
         reference.motion.skeleton,
@@ -90,7 +92,7 @@ def part(reference: Reference, config: Config) -> Part:
 
 
 def assemble(parts: Sequence[Part], config: Config, block_pairs: int | None = None) -> MotionGraph:
-    """The motion graph of several recordings with the same skeleton (§4.1); DataError when the skeletons differ."""
+    """Build the motion graph of several recordings' parts (§4.1); DataError when the skeletons differ."""
     one_skeleton([(one.described["clip_names"][0], one.skeleton) for one in parts], config)
     described = join([one.described for one in parts])
     positions = np.concatenate([one.positions for one in parts])
@@ -99,13 +101,13 @@ def assemble(parts: Sequence[Part], config: Config, block_pairs: int | None = No
 
 
 def build(references: Sequence[Reference], config: Config, block_pairs: int | None = None) -> MotionGraph:
-    """The motion graph of one or several references; DataErrors as by `part` and `assemble`."""
+    """Build the motion graph of one or several references; DataErrors as by `part` and `assemble`."""
     require_one_skeleton(references, config)
     return assemble([part(reference, config) for reference in references], config, block_pairs)
 
 
 def phrase_nodes(reference: Reference, settings: Phrases) -> np.ndarray:
-    """The frames, among those that may be used, at which a phrase of a reference's speech ends."""
+    """Find the frames, among those that may be used, at which a phrase of a reference's speech ends."""
     frames = np.unique(
         np.round(phrase_ends(reference.speech.words, settings, reference.speech.voice) * reference.speech.fps).astype(
             np.int64
@@ -117,9 +119,9 @@ def phrase_nodes(reference: Reference, settings: Phrases) -> np.ndarray:
 
 def from_positions(
     positions: np.ndarray, segment_starts: np.ndarray, settings: Continuity, block_pairs: int | None = None,
-    phrase_ends: np.ndarray | None = None, **described,
+    phrase_ends: np.ndarray | None = None, **described: Any,
 ) -> MotionGraph:  # fmt: skip
-    """The graph of stored float32 `positions` `[shape=(N, J, 3)]`, which alone define its edges."""
+    """Build the graph of stored float32 `positions` `[shape=(N, J, 3)]`, which alone define its edges."""
     nodes = len(positions)
     poses = pose_distance.flatten(positions)
     speeds = pose_distance.velocities(poses, segment_starts)
@@ -153,7 +155,7 @@ def from_positions(
 
 
 def _unfit(stored: Mapping[str, np.ndarray]) -> str | None:
-    """What is wrong between the arrays of a graph, each of which is as it should be."""
+    """Say what is wrong between the arrays of a graph, each valid by itself; None when nothing is."""
     if problem := reference_frames.unfit(stored):
         return problem
     nodes, natural = len(stored["positions"]), stored["natural"]

@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING, Any
 from gesturegen.methods.method import BYTES_PER_FRAME, WORKER_BYTES, Description, Inspection, Material, Method
 
 if TYPE_CHECKING:
+    import numpy as np
+
+    from gesturegen.data.clips import Reference, Speech
+    from gesturegen.methods.motion_graph.graph import MotionGraph, Part
+    from gesturegen.path import Path
     from gesturegen.settings.models import Config
+    from gesturegen.stored.arrays import Kind
 
 # The tables of the global search: of each frame of the speech and node how the path goes on from there, and what a join
 # from there may cost where joins lead from; of each frame of the shortest stay three rows, of what is earned and priced
@@ -18,8 +24,8 @@ _PER_FRAME_AND_NODE, _MOST_GATES, _ROWS, _PER_ROW_AND_NODE = 4, 8192, 40, 8
 _JOINS_PER_PAIR, _MOST_JOINS = 8.0, 350e6
 
 
-class MotionGraphMethod(Method):
-    """A graph of all frames of the references, in which edges lead from each to those that may follow it (§4)."""
+class MotionGraphMethod(Method["MotionGraph"]):
+    """Method that searches a graph of all reference frames, with edges to those that may follow each (§4)."""
 
     name = "motion_graph"
     suffix = ""
@@ -58,42 +64,45 @@ class MotionGraphMethod(Method):
             need += min(_JOINS_PER_PAIR * reference_frames**2, _MOST_JOINS)
         return need
 
-    def part(self, reference, config):
+    def part(self, reference: Reference, config: Config) -> Part:
         from gesturegen.methods.motion_graph import graph
 
         return graph.part(reference, config)
 
-    def assemble(self, parts: Sequence[Any], config):
+    def assemble(self, parts: Sequence[Any], config: Config) -> MotionGraph:
         from gesturegen.methods.motion_graph import graph
 
         return graph.assemble(parts, config)
 
-    def kind(self):
+    def kind(self) -> Kind:
         from gesturegen.methods.motion_graph import graph
 
         return graph.KIND
 
-    def library_type(self):
+    def library_type(self) -> type[MotionGraph]:
         from gesturegen.methods.motion_graph import graph
 
         return graph.MotionGraph
 
-    def describe(self, library, config) -> Description:
+    def describe(self, library: MotionGraph, config: Config) -> Description:
         from gesturegen.methods.motion_graph import description
 
         return Description(description.lines(library, config))
 
-    def inspect(self, library) -> Inspection:
+    def inspect(self, library: MotionGraph) -> Inspection:
         from gesturegen.methods.motion_graph import description
 
         return description.inspect(library)
 
-    def search(self, library, speech, config, rng, earlier=()):
+    def search(
+        self, library: MotionGraph, speech: Speech, config: Config, rng: np.random.Generator,
+        earlier: Sequence[Path] = (),
+    ) -> Path:  # fmt: skip
         from gesturegen.methods.motion_graph import search
 
         return search.search(library, speech, config, rng, earlier)
 
-    def objective(self, library, speech, nodes, config) -> float:
+    def objective(self, library: MotionGraph, speech: Speech, nodes: np.ndarray, config: Config) -> float:
         from gesturegen.methods.motion_graph import global_search, objective
 
         return objective.total(nodes, global_search.price_list(library, speech, config))["total"]

@@ -1,4 +1,4 @@
-"""What a path costs by the objective of the global search, term by term, whichever search found it.
+"""The objective of the global search: what a path costs, term by term, whichever search found it.
 
 A path names one node for each frame of the speech. A node that follows its natural successor or itself goes on; any
 other step is a *join*, and what lies between joins is a *stay*.
@@ -44,19 +44,19 @@ class PriceList:
 
     @cached_property
     def states(self) -> np.ndarray:
-        """The state of each frame `[shape=(T,)]`: 0 in a pause and 1 else, and twice its set of demands more."""
+        """Compute each frame's state `[shape=(T,)]`: 0 in a pause and 1 else, plus twice its set of demands."""
         states = np.asarray(self.speaking).astype(np.int64)
         return states if self.demanded is None else states + 2 * self.demanded
 
     @cached_property
     def resting(self) -> np.ndarray:
-        """Of a frame that shows a pause for speech or speech for a pause, `[shape=(2, N)]`, by whether one speaks."""
+        """Compute the price of a pause shown for speech or speech for a pause, `[shape=(2, N)]`, by speaking."""
         settings = self.config.global_search
         return settings.lambda_state * (self.graph.speaking != np.array([[False], [True]]))
 
     @cached_property
     def shown(self) -> np.ndarray:
-        """Of a frame that shows the node, without rewards, `[shape=(S, N)]` by state."""
+        """Compute the price of a frame that shows the node, without rewards, `[shape=(S, N)]` by state."""
         shown = self.resting + self.used
         if self.controlled is None:
             return shown
@@ -64,7 +64,7 @@ class PriceList:
 
     @cached_property
     def holding(self) -> np.ndarray:
-        """Of holding the node for a frame, `[shape=(S, N)]`: a rest in the reference may be drawn out in a pause."""
+        """Compute the price of a frame that holds the node, `[shape=(S, N)]`: rests may be drawn out in a pause."""
         settings = self.config.global_search
         holding = np.full((2, self.graph.n_nodes), settings.lambda_hold)
         holding[0, ~self.graph.speaking] = settings.lambda_rest
@@ -74,18 +74,18 @@ class PriceList:
 
 
 def joined(nodes: np.ndarray, graph: MotionGraph) -> np.ndarray:
-    """bool `[shape=(T,)]`: the frames in which a join comes; a segment's last node that comes again is held."""
+    """Mark frames in which a join comes, bool `[shape=(T,)]`; a segment's last node that comes again is held."""
     steps = (nodes[1:] != graph.successors[nodes[:-1]]) & (nodes[1:] != nodes[:-1])
     return np.append(False, steps)
 
 
 def stay_bounds(nodes: np.ndarray, graph: MotionGraph) -> np.ndarray:
-    """The first frame of each stay, and the number of frames `[shape=(S + 1,)]`."""
+    """Find the first frame of each stay, followed by the number of frames `[shape=(S + 1,)]`."""
     return np.concatenate([[0], np.flatnonzero(joined(nodes, graph)), [len(nodes)]])
 
 
 def terms(nodes: np.ndarray, prices: PriceList) -> dict[str, np.ndarray]:
-    """What each frame costs `[shape=(T,)]`, by term; what is earned is negative.
+    """Compute what each frame costs `[shape=(T,)]`, by term; what is earned is negative.
 
     nodes : `[shape=(T,)]`, shown in each frame
     """
@@ -101,6 +101,7 @@ def terms(nodes: np.ndarray, prices: PriceList) -> dict[str, np.ndarray]:
     rests = ~np.asarray(prices.speaking) & ~graph.speaking[nodes]
     costs["held"] = np.where(held, np.where(rests, settings.lambda_rest, settings.lambda_hold), 0.0)
     if prices.controlled is not None:
+        assert prices.controlled_held is not None, "both are given or none"
         costs["control"] = prices.controlled[prices.demanded, nodes]
         costs["control"] = costs["control"] + np.where(held, prices.controlled_held[prices.demanded, nodes], 0.0)
     costs["price"] = settings.join_price * join
@@ -113,13 +114,13 @@ def terms(nodes: np.ndarray, prices: PriceList) -> dict[str, np.ndarray]:
 
 
 def total(nodes: np.ndarray, prices: PriceList) -> dict[str, float]:
-    """The whole path's cost by term, and `total`, their sum."""
+    """Sum the whole path's cost by term, and as `total` over all terms."""
     sums = {name: float(values.sum()) for name, values in terms(nodes, prices).items()}
     return sums | {"total": sum(sums.values())}
 
 
 def repeated(nodes: np.ndarray, graph: MotionGraph, seconds: float) -> np.ndarray:
-    """bool `[shape=(T,)]`: the frames that show a node within 3 of one that another stay showed a short while before.
+    """Mark frames that show a node within 3 of one that another stay showed recently, bool `[shape=(T,)]`.
 
     seconds : how long ago that must be at least for it not to count
     """

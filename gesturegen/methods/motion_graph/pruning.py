@@ -11,7 +11,7 @@ from gesturegen.pose_distance import segment_ends, spread
 def thin_runs(
     lefts: np.ndarray, rights: np.ndarray, segment_starts: np.ndarray, n_frames: int, l_pn: int
 ) -> np.ndarray:
-    """Pruning 1, bool `[shape=(K,)]`: which candidates stay.
+    """Apply pruning 1: mark the candidates that stay, bool `[shape=(K,)]`.
 
     In each run of consecutive rights of one left inside one segment, the first of every block of `l_pn`.
     lefts, rights : `[shape=(K,)]`, ascending by left, then right.
@@ -23,9 +23,9 @@ def thin_runs(
 def drop_neighbours(
     lefts: np.ndarray, rights: np.ndarray, segment_starts: np.ndarray, n_frames: int, l_pn: int
 ) -> np.ndarray:
-    """Pruning 2, bool `[shape=(K,)]`: which candidates stay.
+    """Apply pruning 2: mark the candidates that stay, bool `[shape=(K,)]`.
 
-    One goes when the graph already holds an edge, natural or not, from within `l_pn` of one of its frames
+    A candidate goes when the graph already holds an edge, natural or not, from within `l_pn` of one of its frames
     to within `l_pn` of the other. Neighbourhoods do not cross a segment; left frames ascend.
     """
     starts = spread(segment_starts, segment_starts, n_frames)

@@ -1,4 +1,4 @@
-"""What a frame of motion earns where the speech and the recording do the same: beats, onsets, keywords, phrases.
+"""Rewards for frames where the speech and the recorded motion agree: beats, onsets, keywords and phrases.
 
 The question answered: which node of a graph goes well with which frame of a test speech? Each reward is a product of
 a gain, a curve over the speech, and a worth, a curve over the nodes. Worths of beats, onsets and phrases are taken
@@ -10,7 +10,6 @@ the measures of BEAT), weighted by how far the speed fell.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,7 +36,7 @@ LARGEST_LAG_SECONDS = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Reward:
-    """What is earned in frame t by node n: gain[t] * worth[n].
+    """A reward, of which node n in frame t earns gain[t] * worth[n].
 
     name : of the term; gain : float [shape=(T,)]; worth : float [shape=(N,)], weight included
     """
@@ -48,7 +47,7 @@ class Reward:
 
 
 def find(graph: MotionGraph, speech: Speech, config: Config) -> tuple[Reward, ...]:
-    """All rewards whose weight is not 0 and that can be earned at all."""
+    """Find all rewards whose weight is not 0 and that can be earned at all."""
     settings, fps = config.global_search, graph.fps
     onsets = bells(speech.onset_frames, _onset_weights(speech), speech.n_frames, fps)
     rewards = []
@@ -69,7 +68,7 @@ def find(graph: MotionGraph, speech: Speech, config: Config) -> tuple[Reward, ..
 
 
 def _keyword_rewards(graph: MotionGraph, speech: Speech, config: Config) -> list[Reward]:
-    spoken = keynodes.of_speech(speech, config.keywords.words)
+    spoken = keynodes.of_speech(speech, config.keywords.words or {})
     found = []
     for word in sorted(set(spoken.keywords.tolist()) - {""}):
         nodes = graph.key_nodes.frames[graph.key_nodes.keywords == word]
@@ -80,7 +79,7 @@ def _keyword_rewards(graph: MotionGraph, speech: Speech, config: Config) -> list
 
 
 def bells(places: np.ndarray, weights: np.ndarray | None, count: int, fps: float) -> np.ndarray:
-    """A curve `[shape=(count,)]` with a bell of height 1, or of its weight, at each of `places`, in frames."""
+    """Compute a curve `[shape=(count,)]` with a bell of height 1, or of its weight, at each of `places`, in frames."""
     curve = np.zeros(count)
     frames = np.round(np.asarray(places)).astype(np.int64)
     inside = (frames >= 0) & (frames < count)
@@ -98,7 +97,7 @@ def _centred(worth: np.ndarray) -> np.ndarray:
 
 
 def _onset_weights(speech: Speech) -> np.ndarray:
-    """Strengths `[shape=(K,)]` of the onset frames over their mean, at most 2."""
+    """Compute the strengths `[shape=(K,)]` of the onset frames over their mean, at most 2."""
     frames = speech.onset_frames
     if speech.onset_strengths is None or not len(frames):
         return np.ones(len(frames))
@@ -114,7 +113,7 @@ def _phrase_frames(speech: Speech, config: Config) -> np.ndarray:
 
 
 def _beats(graph: MotionGraph, config: Config) -> tuple[np.ndarray, np.ndarray] | None:
-    """The motion beats of the nodes, and their weights; None where no hands are known."""
+    """Find the motion beats of the nodes, and their weights; None where no hands are known."""
     try:
         speeds = hands.of_nodes(graph, config.hands)
     except DataError:
@@ -122,23 +121,23 @@ def _beats(graph: MotionGraph, config: Config) -> tuple[np.ndarray, np.ndarray] 
     return motion_beats(np.maximum(speeds["speed", "left"], speeds["speed", "right"]), graph.segment_starts, graph.fps)
 
 
-def motion_beats(speeds: np.ndarray, segment_starts: Sequence[int], fps: float) -> tuple[np.ndarray, np.ndarray]:
-    """Minima of the speed of the faster hand, and their weights: prominence over its mean, at most 2.
+def motion_beats(speeds: np.ndarray, segment_starts: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray]:
+    """Find minima of the speed of the faster hand, and their weights: prominence over its mean, at most 2.
 
     speeds : `[shape=(N,)]`, cm/s; minima at the border of a segment do not count
     """
-    nodes, weights = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+    minima_of_parts, prominences = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
     for part in np.split(np.arange(len(speeds)), np.asarray(segment_starts)[1:]):
         smooth = gaussian_filter1d(speeds[part], SMOOTHING_SECONDS * fps)
         minima, found = find_peaks(-smooth, prominence=LEAST_PROMINENCE)
-        nodes.append(part[minima])
-        weights.append(found["prominences"])
-    nodes, weights = np.concatenate(nodes), np.concatenate(weights)
+        minima_of_parts.append(part[minima])
+        prominences.append(found["prominences"])
+    nodes, weights = np.concatenate(minima_of_parts), np.concatenate(prominences)
     return nodes, np.minimum(weights / weights.mean(), _MOST_WEIGHT) if len(weights) else weights
 
 
 def measure_beat_lag(graph: MotionGraph, config: Config) -> tuple[float, float] | None:
-    """By how many seconds the motion beats of a reference follow its onsets, and how sure that is.
+    """Measure by how many seconds a reference's motion beats follow its onsets, and how sure that is.
 
     The lag is that of the highest correlation between the curves of beats and onsets, up to half a second either way;
     how sure is how far that one stands above the others, in standard deviations of these. None where there is nothing

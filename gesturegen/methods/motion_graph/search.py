@@ -22,7 +22,7 @@ from gesturegen.settings.models import Config
 def search(
     graph: MotionGraph, speech: Speech, config: Config, rng: np.random.Generator, earlier: Sequence[Path] = ()
 ) -> Path:
-    """A path of graph nodes for a whole test speech (§4.2), by the search that the config names.
+    """Find a path of graph nodes for a whole test speech (§4.2), by the search that the config names.
 
     earlier : other variants of this clip: the global search prices what they show, the beam search counts their
     key nodes as used
@@ -32,9 +32,9 @@ def search(
 
 
 def _notes(path: Path, graph: MotionGraph, speech: Speech, config: Config) -> tuple[str, ...]:
-    """What a user should know of a clip beyond its figures."""
+    """List what a user should know of a clip beyond its figures."""
     notes, pieces = [], path.tracks[0].pieces
-    wanted = keynodes.of_speech(speech, config.keywords.words).keywords
+    wanted = keynodes.of_speech(speech, config.keywords.words or {}).keywords
     lacking = ", ".join(sorted(set(wanted.tolist()) - set(graph.key_nodes.keywords.tolist())))
     if config.search == "global":
         if lacking and config.global_search.lambda_keyword > 0:
@@ -66,14 +66,14 @@ def _search(
         result = global_search.search(graph, speech, config, used, control)
         objective = {"first": result.first, "final": result.final}
         return Path((Track(result.pieces),), objective=objective, demands=demands)
-    key_nodes = keynodes.of_speech(speech, config.keywords.words)
+    key_nodes = keynodes.of_speech(speech, config.keywords.words or {})
     cuts = targets(key_nodes, speech.n_frames)
     wanted = speech_features(key_nodes, np.array([cut.start_frame for cut in cuts]), speech.n_frames, config.features)
     return _search_by_pieces(graph, cuts, wanted, config, rng, earlier)
 
 
 def _control(graph: MotionGraph, speech: Speech, config: Config) -> tuple:
-    """What is demanded of the hands, and the prices of frames that show otherwise; None where nothing is."""
+    """Collect what is demanded of the hands, and the prices of frames that show otherwise; None where nothing is."""
     if not config.control.conditions:
         return (), None
     values = hands.of_nodes(graph, config.hands)
@@ -92,7 +92,7 @@ def _search_by_pieces(
     graph: MotionGraph, cuts: Sequence[Target], wanted: np.ndarray, config: Config, rng: np.random.Generator,
     earlier: Sequence[Path],
 ) -> Path:  # fmt: skip
-    """The beam search (§4.2.1) from piece to piece; `wanted` are the features at their starts.
+    """Run the beam search (§4.2.1) from piece to piece; `wanted` are the features at their starts.
 
     Each piece starts from the children of the previous winner's last node; the first one, one after a
     winner without children and every retry start from key nodes by feature distance.
@@ -100,8 +100,8 @@ def _search_by_pieces(
     pieces: list[Piece] = []
     candidates = graph_features(graph, config.features)
     occurrences = np.zeros(len(graph.key_nodes))
-    for piece in (piece for path in earlier for piece in path.tracks[0].pieces):
-        occurrences += np.isin(graph.key_nodes.frames, piece.nodes)
+    for shown in (shown for path in earlier for shown in path.tracks[0].pieces):
+        occurrences += np.isin(graph.key_nodes.frames, shown.nodes)
     for target, feature in zip(cuts, wanted, strict=True):
         distances = feature_distances(feature, candidates, occurrences, config.features)
         piece = _search_piece(graph, target, pieces[-1] if pieces else None, distances, config, rng)
@@ -114,12 +114,17 @@ def _search_by_pieces(
 
 
 def _search_piece(
-    graph: MotionGraph, target: Target, previous: Piece | None, distances: np.ndarray, config: Config, rng
+    graph: MotionGraph,
+    target: Target,
+    previous: Piece | None,
+    distances: np.ndarray,
+    config: Config,
+    rng: np.random.Generator,
 ) -> Piece | None:
     stop_nodes = StopNodes(graph, target.keyword, config.termination, rng)
     start_nodes = StartNodes(graph, distances, config, rng)
     last = int(previous.nodes[-1]) if previous else -1
-    children = graph.children(last) if previous else []
+    children = graph.children(last) if previous else np.zeros(0, dtype=np.int64)
     for retry in range(stop_nodes.last_retry + 1):
         stops = stop_nodes.for_attempt(retry)
         if retry == 0 and len(children):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -10,6 +10,8 @@ from gesturegen.settings.base import Count, NotNegative, Section, Share
 
 
 class Beam(Section):
+    """Section `beam`: width, weights and accepted lengths of the beam search (§4.2.1)."""
+
     l_npaths: Count = 20
     lambda_w: NotNegative = 1.0
     lambda_len: NotNegative = 1.0
@@ -18,6 +20,8 @@ class Beam(Section):
 
 
 class GlobalSearch(Section):
+    """Section `global_search`: prices and rewards of the optimal search."""
+
     join_price: NotNegative = 60.0
     lambda_join: NotNegative = 1.0
     min_stay_seconds: NotNegative = 0.67
@@ -37,6 +41,8 @@ class GlobalSearch(Section):
 
 
 class Features(Section):
+    """Section `features`: features that rank start nodes (§4.2.3)."""
+
     l_feat: Count = 10
     w_full: tuple[Share, ...] = (1.0, 0.5, 0.5, 0.2, 0.2, 0.2, 0.1, 0.1, 0.1, 0.1)
     lambda_full: NotNegative = 1.0
@@ -45,7 +51,7 @@ class Features(Section):
     align: Literal["following", "as_printed"] = "following"
 
     @model_validator(mode="after")
-    def _one_weight_each(self):
+    def _one_weight_each(self) -> Self:
         if len(self.w_full) != self.l_feat:
             raise ValueError(
                 f"w_full has {len(self.w_full)} weights for l_feat {self.l_feat}; give one weight per element"
@@ -54,6 +60,8 @@ class Features(Section):
 
 
 class Termination(Section):
+    """Section `termination`: retries and fallbacks of a piece that finds no path (A.1.1)."""
+
     fallbacks: bool = True
     keyword_retries: Annotated[int, Field(ge=0)] = 5
     discard_after_retries: Annotated[int, Field(ge=0)] = 10

@@ -1,4 +1,4 @@
-"""Where a piece may start: key nodes ranked by their features (§4.2.3, A.1.3)."""
+"""Start nodes of a piece: key nodes ranked by their features (§4.2.3, A.1.3)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gesturegen.settings.models import Config
 def features(
     frames: np.ndarray, boundaries: np.ndarray, segment_starts: np.ndarray, segment_ends: np.ndarray, settings: Features
 ) -> np.ndarray:
-    """Lengths in frames `[shape=(K, l_feat)]` of the natural pieces after each of `frames` `[shape=(K,)]`.
+    """Compute the lengths in frames `[shape=(K, l_feat)]` of the natural pieces after `frames` `[shape=(K,)]`.
 
     boundaries : the ascending frames of all key nodes; segment_starts, segment_ends : `[shape=(K,)]`, the
     first frame of the segment a frame lies in and the boundary that closes it. Pieces stop at the
@@ -35,14 +35,14 @@ def features(
 
 
 def speech_features(key_nodes: KeyNodes, frames: np.ndarray, n_frames: int, settings: Features) -> np.ndarray:
-    """Features `[shape=(K, l_feat)]` of frames of a test speech, whose end counts as a boundary."""
+    """Compute the features `[shape=(K, l_feat)]` of frames of a test speech, whose end counts as a boundary."""
     return features(
         frames, key_nodes.frames, np.zeros(len(frames), dtype=int), np.full(len(frames), n_frames), settings
     )
 
 
 def graph_features(graph: MotionGraph, settings: Features) -> np.ndarray:
-    """Features `[shape=(K, l_feat)]` of the graph's key nodes, each within its segment."""
+    """Compute the features `[shape=(K, l_feat)]` of the graph's key nodes, each within its segment."""
     nodes = graph.key_nodes.frames
     starts = spread(graph.segment_starts, graph.segment_starts, graph.n_nodes)
     ends = spread(graph.segment_ends, graph.segment_starts, graph.n_nodes)
@@ -50,7 +50,7 @@ def graph_features(graph: MotionGraph, settings: Features) -> np.ndarray:
 
 
 def feature_distances(test: np.ndarray, graph: np.ndarray, occurrences: np.ndarray, settings: Features) -> np.ndarray:
-    """d_feat `[shape=(K,)]` of one test feature `[shape=(l_feat,)]` to all key nodes `[shape=(K, l_feat)]`.
+    """Compute d_feat `[shape=(K,)]` of one test feature `[shape=(l_feat,)]` to key nodes `[shape=(K, l_feat)]`.
 
     occurrences : `[shape=(K,)]`, how many accepted paths contain the key node. A first element of 0 in the
     test feature is replaced by 1 where it divides.
@@ -61,7 +61,7 @@ def feature_distances(test: np.ndarray, graph: np.ndarray, occurrences: np.ndarr
 
 
 class StartNodes:
-    """Hands out the starting nodes of one piece's attempts: the ranking in steps, then random nodes."""
+    """The starting nodes of one piece's attempts: the ranking in steps, then random nodes."""
 
     def __init__(self, graph: MotionGraph, distances: np.ndarray, config: Config, rng: np.random.Generator):
         self.n_nodes, self.count, self.rng = graph.n_nodes, config.beam.l_npaths, rng
@@ -71,7 +71,7 @@ class StartNodes:
         self.left = ranking if config.initialization == "feature" else ranking[:0]
 
     def next(self) -> np.ndarray:
-        """The next `l_npaths` key nodes, or as many random nodes without replacement when fewer are left."""
+        """Return the next `l_npaths` key nodes, or as many random nodes without replacement when fewer are left."""
         if len(self.left) >= self.count:
             nodes, self.left = self.left[: self.count], self.left[self.count :]
             return nodes

@@ -1,4 +1,4 @@
-"""Where the pieces of a test speech end, and where paths may stop for them (§4.2.2)."""
+"""Targets: where the pieces of a test speech end, and where paths may stop for them (§4.2.2)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from gesturegen.path import Target
 
 
 def targets(key_nodes: KeyNodes, n_frames: int) -> list[Target]:
-    """The test speech cut at its key nodes and at its end; a key node at frame 0 cuts nothing."""
+    """Cut the test speech at its key nodes and at its end; a key node at frame 0 cuts nothing."""
     cuts = [
         (int(frame), str(kind), str(keyword))
         for frame, kind, keyword in zip(key_nodes.frames, key_nodes.kinds, key_nodes.keywords, strict=True)

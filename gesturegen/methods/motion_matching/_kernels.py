@@ -1,4 +1,4 @@
-"""The loops of motion matching. Inputs are checked and typed by `nearest.py`.
+"""Compiled loops of motion matching, whose inputs `nearest.py` checks and types.
 
 Sums run in one fixed order, so that a distance has the same bits wherever it is computed.
 """
@@ -15,7 +15,7 @@ SMALLEST = 1e-30
 
 @njit(cache=True, nogil=True)
 def squares(features):
-    """The squared lengths [shape=(N,)] of the rows."""
+    """Compute the squared lengths [shape=(N,)] of the rows."""
     out = np.empty(len(features))
     for row in range(len(features)):
         total = 0.0
@@ -28,7 +28,7 @@ def squares(features):
 
 @njit(cache=True, nogil=True)
 def largest(values, starts, stops, valid):
-    """The largest value [shape=(M,)] among the valid nodes of each sequence, 0 for none."""
+    """Find the largest value [shape=(M,)] among the valid nodes of each sequence, 0 for none."""
     out = np.zeros(len(starts))
     for sequence in range(len(starts)):
         for node in range(starts[sequence], stops[sequence]):
@@ -39,7 +39,7 @@ def largest(values, starts, stops, valid):
 
 @njit(cache=True, nogil=True)
 def euclidean(features, row, query):
-    """|features[row] - query|"""
+    """Compute |features[row] - query|."""
     total = 0.0
     for k in range(len(query)):
         step = np.float64(features[row, k]) - query[k]
@@ -49,7 +49,7 @@ def euclidean(features, row, query):
 
 @njit(cache=True, nogil=True)
 def cosine(features, row, query, of_query):
-    """1 - cos of the angle between features[row] and query, at least 0; 1 where one of them is zero.
+    """Compute 1 - cos of the angle between features[row] and query, at least 0; 1 where one of them is zero.
 
     of_query : the squared length of the query
     """
@@ -66,7 +66,7 @@ def cosine(features, row, query, of_query):
 
 @njit(cache=True, nogil=True)
 def distances(features, rows, query, of_query, by_angle):
-    """Distances [shape=(K,)] of the rows from the query, float64 [shape=(D,)], whose squared length is given."""
+    """Compute the distances [shape=(K,)] of the rows from the query, float64 [shape=(D,)], of known squared length."""
     out = np.empty(len(rows))
     for k in range(len(rows)):
         if by_angle:
@@ -88,7 +88,7 @@ def _peak(scores, first, last):
 def confirm(
     scores, low, first, last, starts, stops, slacks, features, shift, queries, of_queries, by_angle, nodes, apart
 ):
-    """The nearest node of each sequence and its distance, of each query, updated by a block of nodes.
+    """Update the nearest node of each sequence to each query, and its distance, by a block of nodes.
 
     scores : float32 [shape=(B, n)], of the nodes from `low`, higher is nearer, -inf for never
     first, last : the sequences that the block touches; starts, stops : int [shape=(M,)], their nodes

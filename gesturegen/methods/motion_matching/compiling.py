@@ -9,7 +9,7 @@ from gesturegen.methods.motion_matching.settings import MotionMatching
 
 
 def compile_matching() -> None:
-    """Search a small database, by pose and by sound first."""
+    """Compile the loops: search a small database, by pose and by sound first."""
     rng = np.random.default_rng(0)
     poses, sounds = (rng.normal(size=(20, width)).astype(np.float32) for width in (3, 2))
     candidates = nearest.Candidates(poses, sounds, np.array([0, 10]), np.array([10, 20]), np.arange(20) % 10 < 8)

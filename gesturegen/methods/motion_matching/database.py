@@ -56,21 +56,23 @@ class MatchingDatabase(ReferenceFrames):
 
     @cached_property
     def candidates(self) -> Candidates:
+        """Return the arrays that the search reads."""
         return Candidates(self.pose, self.audio, self.sequence_starts, self.sequence_stops, self.valid)
 
     @property
     def audio_scaling(self) -> Scaling:
+        """Return the scaling of the audio features."""
         return Scaling(self.audio_means, self.audio_scales)
 
 
 def step_frames(config: Config) -> int:
-    """Frames that are shown before the next search."""
+    """Compute how many frames are shown before the next search."""
     return max(round(config.motion_matching.step_seconds * config.fps), 1)
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """What a recording brings: features before they are scaled, positions, and `reference_frames.describe`."""
+    """The part of a database from one recording: unscaled features, positions, and `reference_frames.describe`."""
 
     described: dict
     skeleton: Skeleton
@@ -80,7 +82,7 @@ class Part:
 
 
 def describe_part(reference: Reference, config: Config) -> Part:
-    """The features of a recording.
+    """Compute the features of a recording.
 
     Raises DataError when its skeleton lacks a configured joint or its sound was not measured.
     """
@@ -102,7 +104,7 @@ def describe_part(reference: Reference, config: Config) -> Part:
 
 
 def assemble(parts: Sequence[Part], config: Config) -> MatchingDatabase:
-    """The database of several recordings; DataError when their skeletons differ."""
+    """Assemble the database of several recordings; DataError when their skeletons differ."""
     one_skeleton([(part.described["clip_names"][0], part.skeleton) for part in parts], config)
     described = join([part.described for part in parts])
     pose, audio = (np.concatenate([getattr(part, name) for part in parts]) for name in ("pose", "audio"))
@@ -127,7 +129,7 @@ def assemble(parts: Sequence[Part], config: Config) -> MatchingDatabase:
 
 
 def build(references: Sequence[Reference], config: Config) -> MatchingDatabase:
-    """The database of one or several references; DataErrors as by `describe_part` and `assemble`."""
+    """Build the database of one or several references; DataErrors as by `describe_part` and `assemble`."""
     require_one_skeleton(references, config)
     return assemble([describe_part(reference, config) for reference in references], config)
 
@@ -136,7 +138,7 @@ def build(references: Sequence[Reference], config: Config) -> MatchingDatabase:
 
 
 def _unfit(stored: Mapping[str, np.ndarray]) -> str | None:
-    """What is wrong between the arrays of a database, each of which is as it should be."""
+    """Say what is wrong between the arrays of a database, each valid by itself; None when nothing is."""
     if problem := reference_frames.unfit(stored):
         return problem
     starts, stops = stored["sequence_starts"], stored["sequence_stops"]

@@ -1,4 +1,4 @@
-"""What k-NN motion matching compares (Habibie et al. 2022, §3.1.1): the sound and the pose now and a little later."""
+"""Features of k-NN motion matching (Habibie et al. 2022, §3.1.1): sound and pose, now and a little later."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ROWS = 65536
 
 @dataclass(frozen=True, eq=False)
 class Scaling:
-    """How features become z-scores.
+    """The scaling of features to z-scores.
 
     means, scales : float [shape=(D,)], mean and standard deviation of each; scale 0 for one that is constant
     """
@@ -29,7 +29,7 @@ class Scaling:
     means: np.ndarray
     scales: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("means", "scales"):
             object.__setattr__(self, name, read_only(np.asarray(getattr(self, name), dtype=np.float64)))
         if self.means.ndim != 1 or self.means.shape != self.scales.shape:
@@ -37,10 +37,10 @@ class Scaling:
 
     @classmethod
     def of(cls, features: np.ndarray) -> Scaling:
-        """Of the rows of `features` `[shape=(n, D)]`, one or more."""
+        """Compute the scaling of the rows of `features` `[shape=(n, D)]`, one or more."""
         if len(features) == 0:
             raise ValueError("no features to scale by")
-        means = np.mean(features, axis=0, dtype=np.float64)
+        means = np.asarray(np.mean(features, axis=0, dtype=np.float64))
         squares, largest = np.zeros_like(means), np.zeros_like(means)
         for start in range(0, len(features), _ROWS):
             rows = np.asarray(features[start : start + _ROWS], dtype=np.float64)
@@ -52,7 +52,7 @@ class Scaling:
 
 
 def apply(scaling: Scaling, features: np.ndarray) -> np.ndarray:
-    """The z-scores float32 `[shape=(n, D)]` of `features`; those of a constant feature are 0."""
+    """Scale `features` to z-scores, float32 `[shape=(n, D)]`; those of a constant feature are 0."""
     features = np.asarray(features)
     if features.ndim != 2 or features.shape[1] != len(scaling.means):
         raise ValueError(f"features {features.shape} do not fit a scaling of {len(scaling.means)}")
@@ -66,7 +66,7 @@ def apply(scaling: Scaling, features: np.ndarray) -> np.ndarray:
 
 
 def audio_features(acoustics: Acoustics, times: np.ndarray, settings: MotionMatching) -> np.ndarray:
-    """The sound at each time and shortly after it, float32 `[shape=(n, audio_values * C)]`, value after value.
+    """Sample the sound at each time and shortly after, float32 `[shape=(n, audio_values * C)]`, value by value.
 
     times : `[shape=(n,)]`, seconds. Values are the nearest in time, past the end of the clip its last one.
     """
@@ -79,7 +79,7 @@ def audio_features(acoustics: Acoustics, times: np.ndarray, settings: MotionMatc
 def pose_features(
     positions: np.ndarray, segment_starts: np.ndarray, fps: float, settings: MotionMatching
 ) -> np.ndarray:
-    """The pose of each frame and shortly after it, float32 `[shape=(T, pose_values * J * 3)]`, pose after pose.
+    """Sample the pose of each frame and shortly after, float32 `[shape=(T, pose_values * J * 3)]`, pose by pose.
 
     positions : `[shape=(T, J, 3)]`, of the configured joints, relative to the pelvis, cm
     segment_starts : int `[shape=(S,)]`, first frames of the uninterrupted stretches; past the end of its stretch
@@ -96,7 +96,7 @@ def pose_features(
 def sequences(
     segment_starts: np.ndarray, n_frames: int, fps: float, settings: MotionMatching
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Every segment cut into sequences: their first frames and the frames after their last, int `[shape=(M,)]`.
+    """Cut every segment into sequences: their first frames and the frames after their last, int `[shape=(M,)]`.
 
     Each is `sequence_seconds` long, in whole frames, but for the last one of a segment, which holds the rest.
     """
@@ -110,5 +110,5 @@ def sequences(
 
 
 def _nearest(values: np.ndarray | float) -> np.ndarray:
-    """The nearest whole numbers, half-way ones rounded up."""
+    """Round to the nearest whole numbers, half-way ones up."""
     return np.floor(np.asarray(values) + (0.5 + _TOLERANCE)).astype(np.int64)

@@ -5,16 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from gesturegen.methods.method import Description, Job, Material, Method, Prepared
+from gesturegen.methods.method import Description, Inspection, Job, Material, Method, Prepared
 
 if TYPE_CHECKING:
+    import numpy as np
+
+    from gesturegen.data.clips import Reference, Speech
+    from gesturegen.errors import GesturegenError
+    from gesturegen.methods.motion_matching.database import MatchingDatabase, Part
+    from gesturegen.outcome import Outcome
+    from gesturegen.path import Path
     from gesturegen.settings.models import Config
+    from gesturegen.stored.arrays import Kind
 
 _FEW_MINUTES = 5.0
 
 
-class MotionMatchingMethod(Method):
-    """Every half second the piece of motion that goes on best and sounds best (§3.1)."""
+class MotionMatchingMethod(Method["MatchingDatabase"]):
+    """Method that chooses every half second the piece of motion that goes on best and sounds best (§3.1)."""
 
     name = "motion_matching"
     suffix = "-matching"
@@ -47,52 +55,61 @@ class MotionMatchingMethod(Method):
             (self.name, able, lacking if missing else f"{material.references} ({_FEW_MINUTES:g} or more are better)"),
         )
 
-    def part(self, reference, config):
+    def part(self, reference: Reference, config: Config) -> Part:
         from gesturegen.methods.motion_matching import database
 
         return database.describe_part(reference, config)
 
-    def assemble(self, parts: Sequence[Any], config):
+    def assemble(self, parts: Sequence[Any], config: Config) -> MatchingDatabase:
         from gesturegen.methods.motion_matching import database
 
         return database.assemble(parts, config)
 
-    def prepare(self, jobs: Mapping[str, Job], todo: Collection[str], run) -> Prepared:
+    def prepare(
+        self, jobs: Mapping[str, Job], todo: Collection[str], run: Callable[[Mapping, str], Outcome]
+    ) -> Prepared:
         from gesturegen.methods import parts
 
         return parts.in_processes(self, {name: job for name, job in jobs.items() if name in todo}, run, "features")
 
-    def kind(self):
+    def kind(self) -> Kind:
         from gesturegen.methods.motion_matching import database
 
         return database.KIND
 
-    def library_type(self):
+    def library_type(self) -> type[MatchingDatabase]:
         from gesturegen.methods.motion_matching import database
 
         return database.MatchingDatabase
 
-    def describe(self, library, config) -> Description:
+    def describe(self, library: MatchingDatabase, config: Config) -> Description:
         return Description([f"{library.n_nodes} nodes, {len(library.sequence_starts)} sequences"])
 
-    def inspect(self, library):
+    def inspect(self, library: MatchingDatabase) -> Inspection:
         from gesturegen.methods.inspection import inspect_frames
 
         features = {"pose": library.pose.shape[1], "audio": library.audio.shape[1]}
         line = f"{len(library.sequence_starts)} sequences; features: {features['pose']} of pose, {features['audio']} of sound"
         return inspect_frames(library, {"sequences": len(library.sequence_starts), "features": features}, [line])
 
-    def search(self, library, speech, config, rng, earlier=()):
+    def search(
+        self, library: MatchingDatabase, speech: Speech, config: Config, rng: np.random.Generator,
+        earlier: Sequence[Path] = (),
+    ) -> Path:  # fmt: skip
         from gesturegen.methods.motion_matching import search
 
         return search.search(library, speech, config, rng, earlier)
 
-    def search_all(self, library, speeches, config):
+    def search_all(
+        self, library: MatchingDatabase, speeches: Mapping[str, Speech], config: Config
+    ) -> dict[str, Path | GesturegenError]:
         from gesturegen.methods.motion_matching import search
 
         return search.search_all(library, speeches, config)
 
-    def stand_in(self, library, reference, k, config, rng):
+    def stand_in(
+        self, library: MatchingDatabase, reference: Reference, k: int, config: Config, rng: np.random.Generator
+    ) -> Path:
         from gesturegen.methods.motion_matching import training_paths
 
         return training_paths.stand_in(library, reference, k, config, rng)

@@ -1,4 +1,4 @@
-"""k-NN motion matching (Habibie et al. 2022, §3.1.2 and §3.1.3): which piece of motion to show next?
+"""k-NN motion matching (Habibie et al. 2022, §3.1.2 and §3.1.3): the choice of the next piece of motion.
 
 At every step each sequence of the database offers the node nearest to the pose shown last; what these offer is
 ranked by pose and by sound, and the lowest sum of ranks is shown. All test clips take a step together: the
@@ -32,7 +32,7 @@ _TINY = float(np.finfo(np.float32).tiny)
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """The database: N nodes, which are frames in order, in M sequences. The arrays may be read-only and mapped.
+    """The nodes of the database: N frames in order, in M sequences. The arrays may be read-only and mapped.
 
     pose : float32 [shape=(N, P)], audio : float32 [shape=(N, A)], z-scores of the features of each node
     starts, stops : int [shape=(M,)], first nodes of the sequences and nodes after their last, in order
@@ -45,7 +45,7 @@ class Candidates:
     stops: np.ndarray
     valid: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         types = {"starts": np.int64, "stops": np.int64, "valid": np.bool_}
         for field in fields(self):
             array = np.require(getattr(self, field.name), types.get(field.name, np.float32), "C")
@@ -65,13 +65,13 @@ class Candidates:
 
     @cached_property
     def pose_squares(self) -> np.ndarray:
-        """Squared lengths of the pose features, float64 `[shape=(N,)]`."""
+        """Compute the squared lengths of the pose features, float64 `[shape=(N,)]`."""
         return _nearest_kernels.squares(self.pose)
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What is shown to one test clip, in K steps, and why.
+    """The motion found for one test clip, in K steps, and the reasons for its choice.
 
     nodes : int [shape=(K * step,)], shown one after the other
     matched : int [shape=(K,)], the node j of each step that was matched to the last pose; j + 1 is shown first
@@ -100,7 +100,7 @@ def search(
     prices: Sequence[Sequence[np.ndarray | None] | np.ndarray | None] | None = None,
     block_pairs: int = BLOCK_PAIRS,
 ) -> list[Found]:
-    """The motion for each of B test clips, of K_b steps of `step` nodes.
+    """Find the motion for each of B test clips, of K_b steps of `step` nodes.
 
     audio : per clip `[shape=(K_b, A)]`, z-scores of the features of its sound at the times of the steps
     first_poses : `[shape=(B, P)]`, the pose features before the first step
@@ -164,7 +164,7 @@ def search(
 
 
 class _Offers:
-    """The nearest node of every sequence to each query.
+    """Search of the nearest node of every sequence to each query.
 
     features : float32 [shape=(N, D)]; those of node j are in the row j + shift
     """
@@ -181,7 +181,7 @@ class _Offers:
     def of(
         self, queries: np.ndarray, masks: list[np.ndarray | None], step: int, block_pairs: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes, -1 for none, and distances float64, of B queries `[shape=(B, D)]`, both `[shape=(B, M)]`."""
+        """Find nodes, -1 for none, and distances float64, of B queries `[shape=(B, D)]`, both `[shape=(B, M)]`."""
         starts, stops = self.candidates.starts, self.candidates.stops
         nodes = np.full((len(queries), len(starts)), -1, dtype=np.int64)
         apart = np.full(nodes.shape, np.inf)
@@ -206,19 +206,19 @@ class _Offers:
         return nodes, apart
 
     def _prepared(self, queries: np.ndarray, of_queries: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What the features are multiplied with `[shape=(B, D)]`, and the slack of scores `[shape=(B, M)]`.
+        """Compute the factors of the features `[shape=(B, D)]`, and the slack of scores `[shape=(B, M)]`.
 
         of_queries : `[shape=(B,)]`, squared lengths of the queries
         """
         raise NotImplementedError
 
     def _finish(self, scores: np.ndarray, block: slice) -> None:
-        """From products to scores, in place, -inf for nodes that are not valid."""
+        """Convert products to scores, in place, -inf for nodes that are not valid."""
         raise NotImplementedError
 
 
 class _ByDistance(_Offers):
-    """By Euclidean distance of the pose: a . q - |a|^2 / 2 is the higher the nearer a is to q."""
+    """Offers by Euclidean distance of the pose: a . q - |a|^2 / 2 is the higher the nearer a is to q."""
 
     by_angle = False
     shift = 0
@@ -245,7 +245,7 @@ class _ByDistance(_Offers):
 
 
 class _ByAngle(_Offers):
-    """By cosine distance of the sound one node later: a . f / |a| is the higher the nearer a is to f."""
+    """Offers by cosine distance of the sound one node later: a . f / |a| is the higher the nearer a is to f."""
 
     by_angle = True
     shift = 1
@@ -267,12 +267,12 @@ class _ByAngle(_Offers):
 
 
 def _inverse_lengths(squares: np.ndarray) -> np.ndarray:
-    """1 / length of vectors by their squared lengths, 0 for a zero vector."""
+    """Compute 1 / length of vectors from their squared lengths, 0 for a zero vector."""
     return np.divide(1.0, np.sqrt(squares), out=np.zeros(len(squares)), where=squares >= _nearest_kernels.SMALLEST)
 
 
 def _close(scores: np.ndarray, mask: np.ndarray, low: int, step: int) -> None:
-    """Scores of the nodes from `low` on that may not be shown to -inf; those without a window are -inf already."""
+    """Set scores of the nodes from `low` on that may not be shown to -inf; nodes without a window have it already."""
     last = mask[low + step : low + step + len(scores)]
     scores = scores[: len(last)]
     scores[~(mask[low + 1 : low + 1 + len(last)] & last)] = -np.inf
@@ -284,22 +284,26 @@ def _distances(features: np.ndarray, rows: np.ndarray, query: np.ndarray, by_ang
 
 
 def _ranks(distances: np.ndarray) -> np.ndarray:
-    """The place of each in ascending order, from 0; equals in their order."""
+    """Rank the distances in ascending order, from 0; equals in their order."""
     ranks = np.empty(len(distances), dtype=np.int64)
     ranks[np.argsort(distances, kind="stable")] = np.arange(len(distances))
     return ranks
 
 
 def _kth(costs: np.ndarray, pose_ranks: np.ndarray, k: int) -> int:
-    """The k-th by (cost, pose rank) from 1, the last one where there are fewer."""
+    """Find the k-th by (cost, pose rank) from 1, the last one where there are fewer."""
     place = min(k, len(costs)) - 1
     near = np.flatnonzero(costs <= np.partition(costs, place)[place])
     return near[np.lexsort((pose_ranks[near], costs[near]))[place]]
 
 
-def _of_step(given, clip: int, step: int, candidates: Candidates, kind: type) -> np.ndarray | None:
-    """The mask or the prices of one step of a clip, `[shape=(N,)]`; None for none."""
-    values = None if given is None or given[clip] is None else given[clip][step]
+def _of_step(
+    given: Sequence[Sequence[np.ndarray | None] | np.ndarray | None] | None, clip: int, step: int,
+    candidates: Candidates, kind: type,
+) -> np.ndarray | None:  # fmt: skip
+    """Return the mask or the prices of one step of a clip, `[shape=(N,)]`; None for none."""
+    of_clip = None if given is None else given[clip]
+    values = None if of_clip is None else of_clip[step]
     if values is None:
         return None
     values = np.asarray(values)

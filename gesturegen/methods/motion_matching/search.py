@@ -22,7 +22,7 @@ from gesturegen.settings.models import Config
 def search(
     library: MatchingDatabase, speech: Speech, config: Config, rng: np.random.Generator, earlier: Sequence[Path] = ()
 ) -> Path:
-    """The pieces for one test speech (`search_all`).
+    """Find the pieces for one test speech (`search_all`).
 
     earlier : other variants of this clip; the k-th best pieces are shown in the k-th variant
     """
@@ -36,7 +36,7 @@ def search(
 def search_all(
     library: MatchingDatabase, speeches: Mapping[str, Speech], config: Config
 ) -> dict[str, Path | GesturegenError]:
-    """The pieces for all test speeches at once (§3.1.2), by name; an error for a clip that cannot be controlled."""
+    """Find the pieces for all test speeches at once (§3.1.2), by name; an error for an uncontrollable clip."""
     return _search(library, speeches, config, {name: generator(config.seed, name) for name in speeches}, 0)
 
 
@@ -44,7 +44,8 @@ def _search(
     library: MatchingDatabase, speeches: Mapping[str, Speech], config: Config,
     rngs: Mapping[str, np.random.Generator], later: int,
 ) -> dict[str, Path | GesturegenError]:  # fmt: skip
-    step, results, asked = step_frames(config), {}, {}
+    step, asked = step_frames(config), {}
+    results: dict[str, Path | GesturegenError] = {}
     for name, speech in speeches.items():
         try:
             asked[name] = _Asked(library, speech, config, rngs[name], step)
@@ -66,7 +67,7 @@ def _search(
 
 
 class _Asked:
-    """What one test clip asks of the search."""
+    """The inputs of the search for one test clip: sound, first pose, masks and prices."""
 
     def __init__(self, library: MatchingDatabase, speech: Speech, config: Config, rng: np.random.Generator, step: int):
         if speech.acoustics is None:
@@ -77,7 +78,8 @@ class _Asked:
         sound = features.audio_features(speech.acoustics, self.starts / speech.fps, settings)
         self.audio = features.apply(library.audio_scaling, sound)
         self.first_pose = _first_pose(library, config, rng)
-        self.allowed = self.prices = None
+        self.allowed: list[np.ndarray | None] | None = None
+        self.prices: list[np.ndarray | None] | None = None
         self.demands: tuple[schedule.Demand, ...] = ()
         if config.control.conditions:
             values = hands.of_nodes(library, config.hands)
@@ -85,13 +87,14 @@ class _Asked:
             self._restrict(values)
 
     def _restrict(self, values: schedule.Measures) -> None:
-        """Masks and prices of each step: what is demanded where it begins or ends is looked up at both of its ends.
+        """Set masks and prices of each step: demands where it begins or ends are looked up at both of its ends.
 
         Of demands on the same thing that follow one another within a step, the one that holds longer in it counts:
         together they may well contradict each other.
         """
         met, far = schedule.satisfied(self.demands, values), schedule.violations(self.demands, values)
-        self.allowed, self.prices = [], []
+        allowed: list[np.ndarray | None] = []
+        prices: list[np.ndarray | None] = []
         for start in self.starts.tolist():
             end = min(start + self.step, self.speech.n_frames) - 1
             shares = {
@@ -99,14 +102,16 @@ class _Asked:
                 for k, demand in enumerate(self.demands)
                 if any(demand.start_frame <= frame < demand.end_frame for frame in (start, end))
             }
-            longest = {self.demands[k].key: k for k in sorted(shares, key=shares.get)}
+            longest = {self.demands[k].key: k for k in sorted(shares, key=shares.__getitem__)}
             active = sorted(longest.values())
             hard = [k for k in active if self.demands[k].hard]
             soft = [k for k in active if not self.demands[k].hard]
-            self.allowed.append(met[hard].all(axis=0) if hard else None)
-            self.prices.append(sum(self.demands[k].price * far[k] for k in soft) if soft else None)
+            allowed.append(np.asarray(met[hard].all(axis=0)) if hard else None)
+            prices.append(np.asarray(sum(self.demands[k].price * far[k] for k in soft)) if soft else None)
+        self.allowed, self.prices = allowed, prices
 
     def path(self, match: nearest.Found) -> Path | GesturegenError:
+        """Convert what the search found to a path, or to the error of a clip for which it found too little."""
         if match.failed is not None:
             seconds = self.starts[match.failed] / self.speech.fps
             return DataError(
@@ -124,12 +129,13 @@ class _Asked:
 
 
 def _first_pose(library: MatchingDatabase, config: Config, rng: np.random.Generator) -> np.ndarray:
-    """The pose that the first step goes on from (§3.1.2): of a random frame, the mean one, or of a given frame."""
+    """Choose the pose that the first step goes on from (§3.1.2): of a random frame, the mean, or of a given frame."""
     settings = config.motion_matching
     if settings.start == "mean":
         return np.zeros(library.pose.shape[1], dtype=np.float32)
     if settings.start == "random":
         return library.pose[rng.integers(library.n_nodes)]
+    assert settings.start_pose is not None  # the settings are refused without it
     clip, _, seconds = settings.start_pose.rpartition("@")
     if clip not in library.clip_names or not _is_number(seconds):
         raise DataError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Self
 
 from pydantic import model_validator
 
@@ -10,6 +10,8 @@ from gesturegen.settings.base import Count, NotNegative, Positive, Section
 
 
 class MotionMatching(Section):
+    """Section `motion_matching`: features and search of k-NN motion matching."""
+
     sequence_seconds: Positive = 64 / 15
     step_seconds: Positive = 8 / 15
     audio_values: Count = 8
@@ -26,7 +28,7 @@ class MotionMatching(Section):
     start_pose: str | None = None
 
     @model_validator(mode="after")
-    def _start_given(self):
+    def _start_given(self) -> Self:
         if (self.start == "given") != (self.start_pose is not None):
             raise ValueError("start: given goes with start_pose, a reference clip and a time such as trn_000@12.30")
         return self

@@ -1,4 +1,4 @@
-"""What matching shows for the speech of a recording without showing that recording: fakes to train a network on (§3.3)."""
+"""Paths to train a network on (§3.3): matches for the speech of a recording that do not show that recording."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from gesturegen.settings.models import Config
 
 
 def stand_in(library: MatchingDatabase, own: Reference, k: int, config: Config, rng: np.random.Generator) -> Path:
-    """The k-th best pieces for the speech of a recording, with nothing of the recording itself where it can."""
+    """Find the k-th best pieces for a recording's speech, with nothing of the recording itself where possible."""
     settings = config.motion_matching.model_copy(update={"k": k})
     step, n_frames = step_frames(config), own.motion.n_frames
     starts = np.arange(0, n_frames, step)
+    assert own.speech.acoustics is not None, "its features are in the database"
     sound = features.audio_features(own.speech.acoustics, own.source_frames[starts] / own.motion.fps, settings)
     audio = features.apply(library.audio_scaling, sound)
     others = _elsewhere(library, own, starts, config)
@@ -35,7 +36,7 @@ def stand_in(library: MatchingDatabase, own: Reference, k: int, config: Config, 
 def _elsewhere(
     library: MatchingDatabase, own: Reference, starts: np.ndarray, config: Config
 ) -> list[np.ndarray] | np.ndarray:
-    """Which nodes each step may show: those of other recordings or, of a single one, those a sequence away."""
+    """Select nodes that each step may show: of other recordings or, of a single one, at least a sequence away."""
     names = np.repeat(np.arange(len(library.clip_names)), np.diff(np.append(library.clip_starts, library.n_nodes)))
     number = library.clip_names.index(own.name)
     if len(library.clip_names) > 1:
