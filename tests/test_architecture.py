@@ -33,7 +33,7 @@ ROOMS = [
     {"evaluation"},
     {"doctor"},
     {"tables"},
-    {"ablation"},
+    {"experiment"},
     {"report"},
     {"video", "inspection", "export"},
     {"demo"},
