@@ -20,7 +20,6 @@ import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from gesturegen import evaluation, files, pipeline, remembered, submission, tables
 from gesturegen import export as formats
@@ -34,6 +33,7 @@ from gesturegen.parallel import describe_bugs
 from gesturegen.pipeline.evaluate import locate_file, read_heard, require_same_joints
 from gesturegen.settings.loading import load_config
 from gesturegen.settings.models import Config
+from gesturegen.trace import Trace
 
 Place = str | os.PathLike[str]
 
@@ -69,7 +69,7 @@ class Gesture:
 
     name: str
     motion: Motion
-    trace: dict[str, Any]
+    trace: Trace
     text: bytes = field(repr=False)
     pelvis: str
     notes: tuple[str, ...] = ()

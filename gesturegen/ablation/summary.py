@@ -14,6 +14,7 @@ from gesturegen.evaluation import VIEWER_BLOCKS, Measure
 from gesturegen.frames import ReferenceFrames
 from gesturegen.metrics.usage import training_utilisation
 from gesturegen.settings.models import Config, Evaluation
+from gesturegen.trace import Trace
 
 NAN = float("nan")
 PAPER_BLOCK, BEHIND_BLOCK, CAUSES_BLOCK = "Table 2", "what stands behind it", "why rows differ"
@@ -108,7 +109,7 @@ class Result:
     beside: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
-def clip_row(trace: Mapping, graph: ReferenceFrames, measured: Mapping[str, float] | None) -> dict:
+def clip_row(trace: Trace, graph: ReferenceFrames, measured: Mapping[str, float] | None) -> dict:
     """The figures of one clip of a run.
 
     measured : of its motion, by `evaluation.measure_clip` and `causes.measure`, the `objective` of its path and the
@@ -118,18 +119,18 @@ def clip_row(trace: Mapping, graph: ReferenceFrames, measured: Mapping[str, floa
     pieces than there are.
     """
     row = {
-        "references": [reference["clip"] for reference in trace["references"]],
-        "graph": trace["graph"],
+        "references": [reference.clip for reference in trace.references],
+        "graph": trace.graph,
         "failure": int(measured is None),
-        "stuck_at": trace["failure"],
+        "stuck_at": trace.failure and trace.failure.model_dump(),
         "unnatural_edges": graph.n_unnatural_edges,
-        "seconds": trace["n_frames"] / trace["fps"],
+        "seconds": trace.seconds,
         "reference_seconds": graph.n_nodes / graph.fps,
     }
     graph_keywords = set(graph.key_nodes.keywords.tolist())
     # A key node at frame 0 ends no piece.
     row["lacking_keywords"] = sorted(
-        {node["keyword"] for node in trace["key_nodes"] if 0 < node["frame"] < trace["n_frames"]}
+        {node.keyword for node in trace.key_nodes if 0 < node.frame < trace.n_frames}
         - graph_keywords - {""}
     )  # fmt: skip
     if measured is None:
@@ -140,10 +141,10 @@ def clip_row(trace: Mapping, graph: ReferenceFrames, measured: Mapping[str, floa
     ]  # fmt: skip
     return row | {
         **{key: measured[key] for key in shown},
-        "pieces": len(trace["pieces"]),
-        "natural_joins": sum(join["natural"] for join in trace["joins"]),
-        "retries": sum(piece["retries"] for piece in trace["pieces"]),
-        **{f"fallback_{kind}": sum(p["fallback"] == kind for p in trace["pieces"]) for kind in FALLBACKS},
+        "pieces": len(trace.pieces),
+        "natural_joins": sum(join.natural for join in trace.joins),
+        "retries": trace.n_retries,
+        **{f"fallback_{kind}": sum(p.fallback == kind for p in trace.pieces) for kind in FALLBACKS},
     }
 
 

@@ -13,6 +13,7 @@ from gesturegen import __version__, evaluation, files, submission, viewer
 from gesturegen.ablation import causes, plot, reference_length, summary, tables
 from gesturegen.ablation.plan import Plan, seeded
 from gesturegen.data import clips, keynodes
+from gesturegen.data.index import Index
 from gesturegen.data.stored_clips import digests
 from gesturegen.errors import DataError
 from gesturegen.extras import need
@@ -38,6 +39,7 @@ from gesturegen.pipeline.showing import show
 from gesturegen.randomness import generator
 from gesturegen.settings.models import Config
 from gesturegen.stored import documents
+from gesturegen.trace import Trace
 from gesturegen.workspace import clip_path, library_name, work_path
 
 # The reference clips of each test clip, by setup and seed.
@@ -68,12 +70,12 @@ def ablate(plan: Plan, jobs: int, quiet: bool, keep: bool = False) -> Summary:
                 shutil.rmtree(folder / name, ignore_errors=True)
     made.warnings += warnings
     made.warnings += [
-        (name, f"in no setup, because it failed in preprocess: {error}") for name, error in index["failed"].items()
+        (name, f"in no setup, because it failed in preprocess: {error}") for name, error in index.failed.items()
     ]
     return made
 
 
-def draw_references(plan: Plan, index: dict) -> _Chosen:
+def draw_references(plan: Plan, index: Index) -> _Chosen:
     """The references of each test clip in each setup with each seed.
 
     The setups share what draws their references, and so the draw; `references.seconds` may cut it shorter.
@@ -120,13 +122,13 @@ def _graph_path(config: Config, setup: str, names: Sequence[str], folder: str = 
     return work_path(config, folder, setup, "graphs", f"{library_name(config, names)}.npz")
 
 
-def _run_all(plan: Plan, chosen: _Chosen, groups: dict, index: dict, jobs: int, quiet: bool, keep: bool) -> Summary:
+def _run_all(plan: Plan, chosen: _Chosen, groups: dict, index: Index, jobs: int, quiet: bool, keep: bool) -> Summary:
     # The clip comes first in the name, and tasks run by name: its truth is then read once for all setups.
     first = next(iter(chosen))
     tasks = {
         f"{test}, seed {seed}, {setup}": partial(
             _run_clip, setup, groups[setup, names], test, names, seeded(plan.setups[setup], seed), plan.base,
-            index["tests"][test]["truth"], keep, len(tests), (setup, seed) == first,
+            index.tests[test].truth, keep, len(tests), (setup, seed) == first,
         )
         for (setup, seed), tests in chosen.items()
         for test, names in tests.items()
@@ -164,7 +166,7 @@ class Gestured:
     """What a setup made of a test clip: motion None where the search got stuck, seconds what the search took."""
 
     path: SearchPath
-    trace: dict
+    trace: Trace
     motion: Motion | None
     graph: ReferenceFrames
     speech: clips.Speech
@@ -204,13 +206,13 @@ def _run_clip(
     made = gesture(owner, test, names, config, base)
     if keep:
         kept = work_path(config, "ablation", setup, str(config.seed))
-        submission.write_clip(kept, test, made.motion, {**made.trace, "inputs": ""})
+        submission.write_clip(kept, test, made.motion, made.trace)
     measured, evidence = None, {"seams": None, "beside": None}
     if made.motion is not None:
         measured, found = _measure(made, test, base, truth_path, n_clips)
         evidence = {"seams": found.seams, "beside": found.beside() if with_beside else None}
         # By the base's prices and pauses whatever the setup searches by: one ruler.
-        nodes = submission.shown_nodes(made.trace)
+        nodes = made.trace.shown_nodes()
         measured["objective"] = METHODS[config.method].objective(made.graph, made.speech, nodes, base)
         measured["search_seconds"] = round(made.seconds, 4)
     about = {"setup": setup, "seed": config.seed, "clip": test}
@@ -265,7 +267,7 @@ def measure(made: Gestured, test: str, ruler: Config, truth_path: str | None, n_
     generated = evaluation.locate(made.motion, ruler)
     if truth is not None:
         require_same_joints(truth_path, truth, generated)
-    skate = reference_skate(ruler, submission.shown_clips(made.trace))
+    skate = reference_skate(ruler, made.trace.shown_clips())
     recorded = recordings(ruler, made.trace)
     return Measured(
         evaluation.measure_clip(generated, ruler, heard, truth, made.trace, made.graph, skate, recorded),
@@ -274,7 +276,7 @@ def measure(made: Gestured, test: str, ruler: Config, truth_path: str | None, n_
     )  # fmt: skip
 
 
-def _summarize(plan: Plan, chosen: _Chosen, rows: list[dict], index: dict) -> summary.Result:
+def _summarize(plan: Plan, chosen: _Chosen, rows: list[dict], index: Index) -> summary.Result:
     found = [row.pop("beside") for row in rows]
     beside = viewer.beside_totals([one for one in found if one is not None])
     setups = {}
@@ -283,15 +285,15 @@ def _summarize(plan: Plan, chosen: _Chosen, rows: list[dict], index: dict) -> su
         for seed in plan.seeds:
             own = [row for row in rows if row["setup"] == setup and row["seed"] == seed]
             seconds = durations(config, chosen[setup, seed], index)
-            by_seed[seed] = summary.run_figures(own, seconds, index["training_seconds"])
+            by_seed[seed] = summary.run_figures(own, seconds, index.training_seconds)
             add_detectability({row["clip"]: row for row in own}, by_seed[seed], plan.base)
         setups[setup] = summary.over_seeds(by_seed)
-    return summary.Result(setups, len(index["tests"]), plan.signature | {"version": __version__}, rows, beside)
+    return summary.Result(setups, len(index.tests), plan.signature | {"version": __version__}, rows, beside)
 
 
-def durations(config: Config, chosen: dict[str, tuple[str, ...]], index: dict) -> dict[str, float]:
+def durations(config: Config, chosen: dict[str, tuple[str, ...]], index: Index) -> dict[str, float]:
     """Seconds of each reference clip, of a cut one only those that are used."""
-    whole = {name: row["seconds"] for name, row in index["references"].items()}
+    whole = index.durations
     if config.references.seconds is None:
         return whole
     used: dict[str, float] = {}

@@ -22,8 +22,10 @@ from gesturegen.ablation.plan import Plan, seeded
 from gesturegen.ablation.summary import Setup
 from gesturegen.ablation.tables import aligned_blocks, beside_cells, format_spread, markdown_blocks
 from gesturegen.data import clips
+from gesturegen.data.index import Index, IndexedTest
 from gesturegen.errors import DataError, GesturegenError
 from gesturegen.evaluation import Measure
+from gesturegen.manifest import ClipRow, Manifest
 from gesturegen.methods import METHODS, libraries
 from gesturegen.metrics.usage import training_utilisation
 from gesturegen.motion import cleanup, space
@@ -108,19 +110,19 @@ def compare(plan: Plan, jobs: int, quiet: bool, out: Path | None = None) -> Summ
         owners = {names: groups[setup, names] for names in references.values()}
         kept = folder / setup / "reenact" if seed == plan.seeds[0] else None
         tasks.append(_Task(setup, seeded(plan.setups[setup], seed), references, owners, kept))
-    n_tests = len(index["tests"])
+    n_tests = len(index.tests)
     with one_display(4, len(set(groups.values())) + n_tests * (len(tasks) + 1) + len(plan.setups), quiet):
         made = build_shared_graphs(plan, groups, jobs, quiet, True, "compare", FOLDER)
         if not made.outcome.failed:
             made = _compare(plan, tasks, index, jobs, quiet, written)
     made.warnings += warnings
     made.warnings += [
-        (name, f"in no setup, because it failed in preprocess: {error}") for name, error in index["failed"].items()
+        (name, f"in no setup, because it failed in preprocess: {error}") for name, error in index.failed.items()
     ]
     return made
 
 
-def _compare(plan: Plan, tasks: Sequence[_Task], index: dict, jobs: int, quiet: bool, written: list[Path]) -> Summary:
+def _compare(plan: Plan, tasks: Sequence[_Task], index: Index, jobs: int, quiet: bool, written: list[Path]) -> Summary:
     runs: dict[str, dict[int, dict[str, float]]] = {setup: {} for setup in plan.setups}
     rows: list[dict] = []
     beside: dict[str, dict] = {}
@@ -142,7 +144,7 @@ def _compare(plan: Plan, tasks: Sequence[_Task], index: dict, jobs: int, quiet: 
     columns = [*evaluation.measures(plan.base), *MACHINE_MEASURES]
     setups = {setup: _over_seeds(by_seed, columns) for setup, by_seed in runs.items()}
     signature = plan.signature | {"version": __version__}
-    result = _Comparison(columns, setups, rows, len(index["tests"]), signature, beside)
+    result = _Comparison(columns, setups, rows, len(index.tests), signature, beside)
     files.write_text(written[0], _format_markdown(result))
     files.write_text(written[1], _format_csv(result))
     documents.write(written[2], _json_table(result))
@@ -156,12 +158,12 @@ def _compare(plan: Plan, tasks: Sequence[_Task], index: dict, jobs: int, quiet: 
 
 
 def _run(
-    task: _Task, base: Config, index: dict, jobs: int, quiet: bool
+    task: _Task, base: Config, index: Index, jobs: int, quiet: bool
 ) -> tuple[Summary, dict[str, float], dict[str, dict]]:
     """Its rows by clip, its figures in total as `evaluate` forms them, and what stands beside them."""
     named = {
         f"{test}, seed {task.config.seed}, {task.setup}": partial(
-            _run_clip, task, test, base, index["tests"][test]["truth"], len(task.references)
+            _run_clip, task, test, base, index.tests[test].truth, len(task.references)
         )
         for test in task.references
     }
@@ -177,7 +179,7 @@ def _run(
         total = evaluation.totals(rows, [pair[0] for pair in pairs], [pair[1] for pair in pairs], base)
         add_detectability({row["clip"]: row for row in rows}, total, base)
     seconds = durations(task.config, task.references, index)
-    rest = max(index["training_seconds"] - sum(seconds.values()), 0.0)
+    rest = max(index.training_seconds - sum(seconds.values()), 0.0)
     moving = [row for row in rows if not row["failure"]]
     used = training_utilisation([task.references[row["clip"]] for row in moving], {**seconds, "": rest})
     for row, share in zip(moving, used.per_clip, strict=True):
@@ -194,7 +196,7 @@ def _run_clip(task: _Task, test: str, base: Config, truth_path: str | None, n_cl
     made = gesture(task.owners[names], test, names, task.config, base, FOLDER)
     written = {}
     if task.kept is not None:
-        written = submission.write_clip(task.kept, test, made.motion, {**made.trace, "inputs": ""})
+        written = submission.write_clip(task.kept, test, made.motion, made.trace)
     row, found = evaluation.failed_row(base), None
     if made.motion is not None:
         found = measure(made, test, base, truth_path, n_clips)
@@ -205,11 +207,11 @@ def _run_clip(task: _Task, test: str, base: Config, truth_path: str | None, n_cl
         "generated": found and replace(found.generated, curves=None),
         "truth": found and found.truth and replace(found.truth, curves=None),
         "beside": found and found.beside(),
-        "manifest_row": submission.clip_row(made.trace) | {"files": written},
+        "manifest_row": submission.clip_row(made.trace, written),
     }
 
 
-def _complete_folder(task: _Task, rows: Sequence[dict]) -> None:
+def _complete_folder(task: _Task, rows: Sequence[ClipRow]) -> None:
     """Make the folder of a setup a work folder, so that every command works on it: it shares the clips."""
     folder = task.kept.parent
     documents.write(task.kept / "manifest.json", submission.manifest(rows, task.config))
@@ -243,9 +245,9 @@ def _over_seeds(by_seed: Mapping[int, Mapping[str, float]], columns: Sequence[Me
 # --- memory -------------------------------------------------------------------------------------------------
 
 
-def _measure_memory(tasks: Sequence[_Task], index: dict, jobs: int, quiet: bool) -> Summary:
+def _measure_memory(tasks: Sequence[_Task], index: Index, jobs: int, quiet: bool) -> Summary:
     """For each setup what memory the search of the longest clip takes."""
-    longest = max(sorted(index["tests"]), key=lambda name: index["tests"][name]["seconds"])
+    longest = max(sorted(index.tests), key=lambda name: index.tests[name].seconds)
     named = {}
     for task in tasks:
         names = task.references[longest]
@@ -359,30 +361,30 @@ def _signature_line(result: _Comparison) -> str:
 
 
 def _write_page(
-    path: Path, result: _Comparison, plan: Plan, tasks: Sequence[_Task], index: dict, jobs: int, quiet: bool
+    path: Path, result: _Comparison, plan: Plan, tasks: Sequence[_Task], index: Index, jobs: int, quiet: bool
 ) -> Summary:
     """Every clip with the motions of all setups at the first seed, and this seed's row of each setup."""
     folders = {task.setup: task.kept.parent for task in tasks}
-    packed = {name: partial(_pack_clip, name, index["tests"][name], plan.base, folders) for name in index["tests"]}
+    packed = {name: partial(_pack_clip, name, row, plan.base, folders) for name, row in index.tests.items()}
     outcome = for_each(packed, jobs, "compare: page", quiet)
     done = outcome.done
     failed = outcome.errors | dict.fromkeys(outcome.bugs, "a bug of gesturegen")
     seed = plan.seeds[0]
-    manifest = {
-        "gesturegen": __version__,
-        "method": "compare",
-        "search": f"{len(folders)} setups",
-        "seed": seed,
-        "config_hash": seeded(plan.base, seed).signature(),
-        "config": {"fps": plan.base.fps},
-        "clips": [_total_row(setup, read_manifest(folder))
-                  for setup, folder in folders.items()],
-    }  # fmt: skip
-    figures = {
-        "clips": {_title(name): json_figures(setup.by_seed[seed]) for name, setup in result.setups.items()},
-        "total": {},
-        "beside": {name: json_figures(row) for name, row in result.beside.items()},
-    }
+    manifest = Manifest(
+        gesturegen=__version__,
+        method="compare",
+        search=f"{len(folders)} setups",
+        seed=seed,
+        config_hash=seeded(plan.base, seed).signature(),
+        config={"fps": plan.base.fps},
+        clips=[_total_row(setup, read_manifest(folder)) for setup, folder in folders.items()],
+    )
+    figures = documents.Summary(
+        signature={},
+        clips={_title(name): json_figures(setup.by_seed[seed]) for name, setup in result.setups.items()},
+        total={},
+        beside={name: json_figures(row) for name, row in result.beside.items()},
+    )
     content = page.Content(
         manifest=manifest,
         figures=figures,
@@ -404,15 +406,18 @@ def _title(setup: str) -> str:
     return f"all clips, {setup}"
 
 
-def _total_row(setup: str, manifest: Mapping) -> dict:
+def _total_row(setup: str, manifest: Manifest) -> ClipRow:
     """The row of a setup in the page's table: what its clips that have a motion count together."""
-    rows = [row for row in manifest["clips"] if not row["stuck"]]
+    rows = [row for row in manifest.clips if not row.stuck]
     fallbacks: dict[str, int] = {}
     for row in rows:
-        for kind, count in row["fallbacks"].items():
+        for kind, count in row.fallbacks.items():
             fallbacks[kind] = fallbacks.get(kind, 0) + count
-    counts = {key: sum(row[key] for row in rows) for key in ("n_frames", "pieces", "hard_joins", "retries")}
-    return {"clip": _title(setup), **counts, "fallbacks": dict(sorted(fallbacks.items())), "error": None}
+    counts = {key: sum(getattr(row, key) for row in rows) for key in ("n_frames", "pieces", "hard_joins", "retries")}
+    return ClipRow(
+        clip=_title(setup), references=(), **counts, fallbacks=dict(sorted(fallbacks.items())), stuck=False, error=None,
+        files={},
+    )  # fmt: skip
 
 
 def _machine_notice(result: _Comparison) -> str:
@@ -424,7 +429,7 @@ def _machine_notice(result: _Comparison) -> str:
     return "Search of one clip on this machine, time and peak memory with its library: " + "; ".join(said) + "."
 
 
-def _pack_clip(name: str, indexed: Mapping, base: Config, folders: Mapping[str, Path]) -> dict:
+def _pack_clip(name: str, indexed: IndexedTest, base: Config, folders: Mapping[str, Path]) -> dict:
     """One clip as the text that goes into the page, and notes on what is not there."""
     notes: list[str] = []
     speech = clips.load(clip_path(base, name), base, with_motion=False).test_speech(base)
@@ -434,16 +439,16 @@ def _pack_clip(name: str, indexed: Mapping, base: Config, folders: Mapping[str, 
             motions.append(_pack_motion(name, folder, base, setup))
         else:
             notes.append(f"{setup} found no path for this clip")
-    if indexed["truth"]:
+    if indexed.truth:
         try:
-            truth = cleanup.resample(space.read(Path(indexed["truth"]), base), base.fps)
+            truth = cleanup.resample(space.read(Path(indexed.truth), base), base.fps)
             motions.insert(1, pack.pack_motion(truth, base, "truth"))  # among those that are shown at first
         except GesturegenError as error:
             notes.append(f"no true motion: {error}")
     sound = None
     try:
-        if indexed.get("audio"):
-            sound = pack.pack_audio(*audio.read_samples(indexed["audio"]))
+        if indexed.audio:
+            sound = pack.pack_audio(*audio.read_samples(indexed.audio))
         else:
             notes.append("no sound: the index of clips names no audio file; run `gesturegen preprocess` again")
     except GesturegenError as error:
@@ -456,5 +461,5 @@ def _pack_clip(name: str, indexed: Mapping, base: Config, folders: Mapping[str, 
 def _pack_motion(name: str, folder: Path, base: Config, setup: str) -> dict:
     motion = cleanup.resample(space.read(folder / "reenact" / f"{name}.bvh", base), base.fps)
     trace = submission.read_trace(folder / "reenact" / f"{name}.trace.json")
-    stored = reference_frames.read_arrays(folder / "graphs" / f"{trace['graph']}.npz", ("source_frames",))
+    stored = reference_frames.read_arrays(folder / "graphs" / f"{trace.graph}.npz", ("source_frames",))
     return pack.pack_motion(motion, base, setup, pack.pack_trace(trace, stored["source_frames"]))
