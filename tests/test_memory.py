@@ -124,7 +124,7 @@ def test_the_estimate_covers_the_tables_of_the_global_search():
     graph = motion_graph.build([tiny.random_reference(rng, 2000)], config)
 
     def taken(n_frames: int) -> int:
-        global_search.joins_of.cache_clear()
+        graph.prepared.clear()
         tracemalloc.start()
         global_search.search(graph, tiny.speech(n_frames, onsets=range(10, n_frames, 11)), config)
         _, peak = tracemalloc.get_traced_memory()

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, GetPydanticSchema, ValidationError
-from pydantic_core import core_schema
+from pydantic_core import core_schema, from_json
 
 from gesturegen import files
 from gesturegen.errors import DamagedError, DataError
@@ -59,7 +59,7 @@ class Document(Part):
     @classmethod
     def from_json(cls, text: str | bytes) -> Self:
         """What a text holds; ValueError for one that is no JSON, ValidationError for one that lacks what it must have."""
-        return cls.model_validate(json.loads(text, parse_constant=_refuse))
+        return cls.model_validate(from_json(text, allow_inf_nan=False))
 
 
 # --- tables -------------------------------------------------------------------------------------------------
@@ -190,10 +190,6 @@ def damage(path: str | Path, model: type[Document], command: str) -> list[str]:
     except DamagedError as error:
         return [remade(error)]
     return []
-
-
-def _refuse(constant: str) -> None:
-    raise ValueError(f"{constant} is no number")
 
 
 def first_problem(error: ValidationError) -> str:

@@ -65,6 +65,11 @@ class MotionGraph(ReferenceFrames):
         """Of the poses, per frame, `[shape=(N, J * 3)]`."""
         return pose_distance.velocities(self.poses, self.segment_starts)
 
+    @cached_property
+    def prepared(self) -> dict:
+        """What searches have made of the graph and look up again, by what it depends on beside the graph."""
+        return {}
+
     def children(self, node: int) -> np.ndarray:
         return self.indices[self.indptr[node] : self.indptr[node + 1]]
 
