@@ -8,7 +8,7 @@ BIN = $(VENV)/bin
 GESTUREGEN = $(BIN)/gesturegen
 FLAGS = $(if $(JOBS),-j $(JOBS))
 
-.PHONY: help install demo ablation test test-slow fuzz challenge challenge-demo lint bench clean
+.PHONY: help install demo ablation test test-slow fuzz challenge challenge-demo lint bench docs notebook picture clean
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -75,5 +75,26 @@ lint: install  ## style and unused names
 bench: install  ## time and memory of each stage, beside the obvious implementation
 	PYTHONPATH=. $(BIN)/python scripts/bench.py
 
+docs: $(VENV)/installed-docs  ## the pages of docs/ as a site in site/; fails where a link or an anchor is broken
+	$(BIN)/python scripts/check_links.py README.md CONTRIBUTING.md
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --clean
+
+$(VENV)/installed-docs: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	touch $@
+
+notebook: $(VENV)/installed-notebook  ## run every cell of examples/gesturegen.ipynb on demo data
+	$(BIN)/python scripts/run_notebook.py examples/gesturegen.ipynb
+
+$(VENV)/installed-notebook: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[notebook]'
+	touch $@
+
+picture: install  ## docs/picture.gif, the moving picture of the README
+	rm -rf picture
+	$(GESTUREGEN) demo-data picture/data --references 2 --tests 2 --seed 1 --quiet $(FLAGS)
+	$(GESTUREGEN) run --data picture/data --work picture/work --quiet $(FLAGS)
+	$(BIN)/python scripts/make_picture.py picture/work picture/data docs/picture.gif
+
 clean:  ## delete the environment and everything the demo wrote
-	rm -rf $(VENV) demo ablation bench challenge
+	rm -rf $(VENV) demo ablation bench challenge picture site

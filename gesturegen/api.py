@@ -1,4 +1,4 @@
-"""gesturegen from Python: the same commands, the same bytes.
+"""Use gesturegen from Python: the same commands, the same bytes.
 
     import gesturegen as gg
 
@@ -42,7 +42,20 @@ def read_motion(path: Place, config: str | Place = remembered.RECOMMENDED) -> Mo
     """Read a BVH file in centimetres with y up, whatever its unit and axes (`motion.unit`, `motion.up_axis`).
 
     Rotations are local unit quaternions `[shape=(T, J, 4)]`, wxyz; positions are local, `[shape=(T, J, 3)]`.
-    Raises DataError with file and line.
+
+    - `path`: the BVH file
+    - `config`: file, or name of a config that comes with gesturegen, `best` unless told otherwise
+
+    Raises `DataError` with file and line, `ConfigError` for the config.
+
+    Examples
+    --------
+    >>> import gesturegen as gg
+    >>> motion = gg.read_motion("take.bvh")
+    >>> motion.fps
+    30.0
+    >>> motion.rotations.shape == (motion.n_frames, len(motion.skeleton.names), 4)
+    True
     """
     return space.read(path, load_config(remembered.shipped(config)))
 
@@ -52,7 +65,20 @@ def read_speech(
 ) -> clips.Speech:
     """Read a recording of speech and its transcript: its onsets and words on a grid of frames.
 
-    config : file, or name of a config that comes with gesturegen. Raises DataError and ConfigError.
+    - `audio`: the sound file
+    - `transcript`: of any kind that the commands read; without it, the sound tells when somebody speaks
+    - `config`: file, or name of a config that comes with gesturegen, `best` unless told otherwise
+
+    Raises `DataError` and `ConfigError`.
+
+    Examples
+    --------
+    >>> import gesturegen as gg
+    >>> speech = gg.read_speech("speech.wav", "speech.tsv")
+    >>> speech.n_frames, speech.fps  # 8 seconds
+    (240, 30.0)
+    >>> len(speech.words) > 0
+    True
     """
     settings = load_config(remembered.shipped(config))
     recording = Recording(Path(audio).stem, None, Path(audio), transcript and Path(transcript))
@@ -63,8 +89,12 @@ def read_speech(
 class Gesture:
     """A motion that was made for a speech.
 
-    motion : in centimetres with y up, as `read_motion` gives it; trace : what explains every frame of it (README, file formats);
-    notes : what was guessed or given up, a line each; text : the BVH file, byte by byte; pelvis : the name of a joint
+    - `name`: of the speech
+    - `motion`: in centimetres with y up, as `read_motion` gives it
+    - `trace`: what explains every frame of it, with the fields of its file as attributes (see the page on file formats)
+    - `text`: the BVH file, byte by byte
+    - `pelvis`: the name of the joint that is the pelvis
+    - `notes`: what was guessed or given up, a line each
     """
 
     name: str
@@ -81,7 +111,7 @@ class Gesture:
     def export(self, path: Place) -> None:
         """Write the motion as what the file's name ends in: `.bvh`, `.glb` (extra `gltf`), `.csv` or `.npz`.
 
-        Raises ConfigError for any other ending.
+        Raises `ConfigError` for any other ending.
         """
         place = Path(path)
         suffix = place.suffix.lower()
@@ -94,10 +124,26 @@ class Gesture:
 
 
 class Gesturer:
-    """Makes gestures for new speech from recordings of a speaker.
+    """Make gestures for new speech from recordings of a speaker.
 
-    config : file, or name of a config that comes with gesturegen; settings : `{"seed": 1, "onsets.min_strength": 0.4}`,
-    over those of the config; jobs : worker processes, which change no result. Raises ConfigError.
+    - `config`: file, or name of a config that comes with gesturegen, `best` unless told otherwise
+    - `settings`: such as `{"seed": 1, "onsets.min_strength": 0.4}`, over those of the config
+    - `jobs`: worker processes, which change no result
+
+    Raises `ConfigError`.
+
+    Examples
+    --------
+    >>> import gesturegen as gg
+    >>> gesturer = gg.Gesturer(config="best", settings={"seed": 1})
+    >>> gesturer = gesturer.fit([("take.bvh", "take.wav", "take.tsv")])
+    >>> gesture = gesturer.gesture("speech.wav", "speech.tsv")
+    >>> gesture.motion.n_frames  # 8 seconds
+    240
+    >>> gesture.trace.search
+    'global'
+    >>> gesture.save("speech.bvh")
+    >>> gesture.export("speech.csv")
     """
 
     def __init__(
@@ -122,9 +168,9 @@ class Gesturer:
         self._files: dict[Path, Path] = {}
 
     def fit(self, recordings: Sequence[Sequence[Place | None]]) -> Gesturer:
-        """Learn from recordings: `(bvh, wav)` or `(bvh, wav, tsv)` each; all of them serve every speech.
+        """Take recordings to make gestures from: `(bvh, wav)` or `(bvh, wav, tsv)` each; all of them serve every speech.
 
-        What was guessed or left out is in the notes of each gesture. Returns itself. Raises DataError.
+        What was guessed or left out is in the notes of each gesture. Returns itself. Raises `DataError`.
         """
         if not recordings:
             raise DataError("no recordings were given; give at least one (bvh, wav) or (bvh, wav, tsv)")
@@ -134,7 +180,7 @@ class Gesturer:
         return self
 
     def gesture(self, audio: Place, transcript: Place | None = None) -> Gesture:
-        """Make the gestures for a speech, of `round(seconds * fps)` frames. Raises DataError."""
+        """Make the gestures for a speech, of `round(seconds * fps)` frames. Raises `DataError`."""
         if not self._fitted:
             raise DataError("there are no recordings to gesture from; call `fit` first")
         self._place("speeches", [(audio, transcript)])
@@ -193,8 +239,20 @@ def measure(
 ) -> dict[str, float | None]:  # fmt: skip
     """Measure a motion with its speech, of any system, as `gesturegen evaluate --bvh` does.
 
-    truth : the true motion of that speech. Returns the figures by their names in `metrics.csv`; None where there is
-    none. Raises DataError and ConfigError.
+    - `motion`, `truth`: motions or BVH files; `truth` is the true motion of that speech
+    - `audio`: the sound file
+    - `config`: file, or name of a config that comes with gesturegen, `best` unless told otherwise
+
+    Returns the figures by their names in `metrics.csv`; None where there is none. Raises `DataError` and `ConfigError`.
+
+    Examples
+    --------
+    >>> import gesturegen as gg
+    >>> figures = gg.measure("take.bvh", "take.wav", truth="take.bvh")
+    >>> figures["syn"]  # the mean difference to itself
+    0.0
+    >>> figures["hard_joins_per_minute"] is None  # only a trace tells
+    True
     """
     settings = load_config(remembered.shipped(config))
     found = _joints(motion, settings)

@@ -255,7 +255,7 @@ def unfit(stored: Mapping[str, np.ndarray]) -> str | None:
 def save(
     path: str | Path, library: ReferenceFrames, kind: Kind, method: str, settings: str, clip_digests: Sequence[str] = ()
 ) -> None:
-    """Store what a method searches as `.npz` (README, file formats).
+    """Store what a method searches as `.npz` (docs/files.md).
 
     method : the name of the method whose library it is; settings : JSON of all that it depends on
     clip_digests : SHA-256 of the stored clips it was built from, so that `load` can tell when they changed

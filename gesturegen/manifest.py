@@ -1,4 +1,4 @@
-"""What `reenact` leaves of a run: a `Manifest`, stored as `reenact/manifest.json` (README, file formats)."""
+"""What `reenact` leaves of a run: a `Manifest`, stored as `reenact/manifest.json` (docs/files.md)."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ import io
 import math
 from collections.abc import Mapping, Sequence
 
-from gesturegen.evaluation import Measure
+from gesturegen.metrics.measures import Measure
 
 # What a terminal shows without folding a line.
 WIDTH = 100

@@ -1,4 +1,4 @@
-"""What explains the frames of a gestured clip: a `Trace`, stored as `reenact/<clip>.trace.json` (README, file formats).
+"""What explains the frames of a gestured clip: a `Trace`, stored as `reenact/<clip>.trace.json` (docs/files.md).
 
 Frames number those of the speech, from 0; nodes number the frames of the references, one clip after the other. A range
 ends before its `end_frame`. Distances and costs are those of the search, without unit.

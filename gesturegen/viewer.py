@@ -14,6 +14,7 @@ import numpy as np
 from gesturegen.frames import ReferenceFrames
 from gesturegen.joints import settings_for
 from gesturegen.metrics import alignment, beats, detectability, frechet, knees, stillness
+from gesturegen.metrics.measures import BY_KEY
 from gesturegen.motion import kinematics, mirror
 from gesturegen.motion.feet import leg_of
 from gesturegen.motion.skeleton import Motion
@@ -25,7 +26,6 @@ NAN = float("nan")
 READINGS = ("a2m", "hands_beat", "angle_beat")
 MOTION_KEYS = ("still_share", "still_longest", "knees_straight", "knee_snaps")
 KEYS = (*MOTION_KEYS, *(f"{reading}{end}" for reading in READINGS for end in ("", "_z", "_deviation")))
-MAXIMA = {"still_longest"}
 RECORDING, TRUTH, STRETCH, STATUE = "(recording)", "(truth)", "(random stretch)", "(statue)"
 # Stretches of a recording that is hardly longer than the clip would all be the same: so much of it at most.
 _LONGEST_SHARE = 0.5
@@ -209,11 +209,8 @@ def total(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
 
 
 def _means(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    found = {}
-    for key in (key for key in KEYS if not key.endswith("_deviation")):
-        values = [row[key] for row in rows if np.isfinite(row[key])]
-        found[key] = float((np.max if key in MAXIMA else np.mean)(values)) if values else NAN
-    return found
+    keys = [key for key in KEYS if not key.endswith("_deviation")]
+    return {key: BY_KEY[key].sum_up([row[key] for row in rows]) for key in keys}
 
 
 # --- what stands beside -------------------------------------------------------------------------------------

@@ -1,5 +1,6 @@
 """gesturegen as a library: the same bytes as the command line, and one-line errors."""
 
+import doctest
 import json
 import re
 import subprocess
@@ -10,6 +11,8 @@ import numpy as np
 import pytest
 
 import gesturegen as gg
+from gesturegen import api
+from gesturegen.demo import dataset
 from gesturegen.errors import ConfigError, DataError
 from tests.builders import write_dataset
 from tests.commands import succeed
@@ -84,6 +87,19 @@ def test_what_cannot_be_used_is_told_in_one_line(data, tmp_path):
     gesturer.fit([recording(data, "trn", "trn_a", "bvh", "wav")])
     with pytest.raises(DataError, match=re.escape(f"{tmp_path}/a.wav: ")):
         gesturer.gesture(tmp_path / "a.wav")
+
+
+def test_the_examples_of_the_docstrings_do_what_they_say(tmp_path, monkeypatch):
+    for split, seconds, name in (("trn", 12.0, "take"), ("tst", 8.0, "speech")):
+        spec = dataset.ClipSpec(split, 0, seconds, seed=1, speaker=1)
+        dataset.write_clip(tmp_path, spec)
+        for kind in ("bvh", "wav", "tsv"):
+            written = tmp_path / split / "main-agent" / kind / f"{spec.name}.{kind}"
+            if written.exists():
+                written.rename(tmp_path / f"{name}.{kind}")
+    monkeypatch.chdir(tmp_path)
+    result = doctest.testmod(api)
+    assert result.failed == 0 and result.attempted >= 15
 
 
 def test_importing_costs_nothing():

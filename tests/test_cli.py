@@ -14,6 +14,7 @@ from tests import tiny
 from tests.builders import bursts, chain, data_folder, write_audio, write_clip
 from tests.commands import errors, run, succeed, tree
 
+FILES = (Path(__file__).parent.parent / "docs/files.md").read_text()
 COMMANDS = ("preprocess", "build-graph", "reenact", "evaluate")
 REFERENCES, TESTS = ("trn_a", "trn_b"), ("tst_a", "tst_b", "tst_c")
 
@@ -72,8 +73,7 @@ def test_the_output_has_the_reference_hierarchy_to_the_letter(finished, recorded
 
 def test_the_trace_has_every_documented_field(finished):
     trace = json.loads((finished / "reenact/tst_a.trace.json").read_text())
-    readme = (Path(__file__).parent.parent / "README.md").read_text()
-    documented = re.search(r"trace\.json`\*\*: `(.*?)`", readme, re.S)[1]
+    documented = re.search(r"trace\.json`\*\*:.*?```text\n(.*?)```", FILES, re.S)[1]
     fields = re.sub(r"\[\{.*?\}\]", "", documented, flags=re.S)
     assert list(trace) == [field.strip() for field in fields.split(",")]
     piece = re.search(r"pieces \[\{(.*?)\}\]", documented, re.S)[1]
@@ -83,11 +83,10 @@ def test_the_trace_has_every_documented_field(finished):
 
 
 @pytest.mark.parametrize("kind", ["clips", "graphs"])
-def test_the_readme_names_every_array(finished, kind):
-    readme = (Path(__file__).parent.parent / "README.md").read_text()
+def test_the_documents_name_every_array(finished, kind):
     path = next(p for p in sorted((finished / kind).glob("*.npz")) if "trn" in p.name)
     with np.load(path) as stored:
-        missing = [name for name in stored if not re.search(rf"`{name}[ `(]", readme)]
+        missing = [name for name in stored if not re.search(rf"`{name}[ `(]", FILES)]
     assert not missing
 
 
@@ -99,6 +98,7 @@ def test_the_manifest_holds_the_hashes(finished):
         assert row["files"] == {name: present[name] for name in row["files"]} and len(row["files"]) == 2
 
 
+@pytest.mark.slow
 def test_bytes_do_not_depend_on_the_number_of_workers(finished, recorded, tmp_path):
     for command in COMMANDS:
         succeed(command, "--data", recorded, "--work", tmp_path, "-j", 2)

@@ -292,6 +292,7 @@ def hand_speed(work: Path, test: str) -> float:
     return float(np.average(stored["styles"][clips, 0], weights=[len(piece["nodes"]) for piece in pieces]))
 
 
+@pytest.mark.slow
 def test_a_target_moves_the_speed_of_the_hands(demo_folder, demo_work, tmp_path):
     speeds = {}
     for wanted in (1, 400):
@@ -391,6 +392,7 @@ def test_damaged_blocks_are_made_again(whole_data, whole, work, monkeypatch):
     assert tree(work) == tree(whole)
 
 
+@pytest.mark.slow
 def test_blocks_of_other_settings_are_not_used(whole_data, work, tmp_path, monkeypatch):
     options = settings("gesture_master.upper.delta_t=3.0")
     interrupted(monkeypatch, whole_data, work, 6)
@@ -509,6 +511,7 @@ def test_a_killed_build_goes_on_and_ends_the_same(jobs, tmp_path):
 # --- both methods in one folder -----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["all", "per_test_clip"])
 def test_both_methods_share_a_work_folder(mode, whole_data, work, tmp_path):
     options = settings(f"references.mode={mode}")
@@ -567,6 +570,7 @@ def test_seconds_cut_the_references(whole_data, work):
     assert names == {*REFERENCES, "trn_b-60f"}, "what is whole is shared with all other lengths"
 
 
+@pytest.mark.slow
 def test_without_mirrored_copies(whole_data, whole, work):
     options = settings("gesture_master.mirror=false")
     commands(("build-graph", "reenact", "evaluate", "check"), whole_data, work, *options)
@@ -783,6 +787,7 @@ def test_an_ablation_does_not_depend_on_workers(plan, whole_data, work, tmp_path
 # --- other skeletons ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joints", [1, 3])
 def test_a_skeleton_without_sides_and_wrists(joints, data, tmp_path):
     rng = np.random.default_rng(0)

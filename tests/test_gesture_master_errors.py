@@ -79,6 +79,7 @@ def larger() -> object:
     return make_skeleton(bones.names, bones.parents, 1.5 * bones.offsets)
 
 
+@pytest.mark.slow
 def test_references_of_two_skeletons(data, tmp_path):
     rewrite(data, "trn_b", larger())
     line = refused_build(data, tmp_path / "work")
@@ -87,6 +88,7 @@ def test_references_of_two_skeletons(data, tmp_path):
     commands(RESULT[1:], data, tmp_path / "work", *settings("references.mode=per_test_clip"))
 
 
+@pytest.mark.slow
 def test_two_skeletons_are_found_where_their_parts_are_stored(data, tmp_path):
     work = tmp_path / "work"
     rewrite(data, "trn_c", larger())
@@ -257,6 +259,7 @@ def test_a_damaged_database(left, whole_data, built, work):
     assert tree(work / "graphs") == tree(built / "graphs")
 
 
+@pytest.mark.slow
 def test_a_database_of_another_format(whole_data, built, work):
     arrays = dict(np.load(database(work)))
     stored_arrays.write(database(work), arrays | {"format_version": np.array(99)})
@@ -377,6 +380,7 @@ def test_a_silent_reference_is_all_rest(data, tmp_path):
     assert clips and {clip["kind"] for clip in clips} == {"rest"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seconds", [0.1, 0.4])
 def test_a_reference_shorter_than_a_clip(seconds, data, tmp_path):
     moved = gesture_builders.motion(np.random.default_rng(0), round(30 * seconds))
@@ -427,6 +431,7 @@ def test_references_without_fingers_beside_one_with(data, tmp_path):
     assert [len(trace(work, test)["tracks"]) for test in TESTS] == [1, 1]
 
 
+@pytest.mark.slow
 def test_no_fingers_at_all(data, tmp_path):
     for name in usual.REFERENCES:
         rewrite(data, name, fingers=False)

@@ -196,6 +196,7 @@ def test_the_gesture_s_own_frames_are_seen(method, folder):
     assert steps[28:62].max() < 1.5 * recorded.max(), "the root jumps"
 
 
+@pytest.mark.slow
 def test_lent_fingers_give_way_to_those_of_the_gesture(base, tmp_path):
     """Where a reference was recorded without fingers, GestureMaster shows those of others in a track of their own."""
     shutil.copytree(base / "data", tmp_path / "data")
@@ -374,6 +375,7 @@ def test_run_sees_a_changed_gesture_and_nothing_else(folder):
     assert shown(folder, "tst_a") == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frames", [10, 50])
 def test_evaluate_knows_that_a_gesture_changed(frames, folder):
     asked = ("{clip: tst_a, at: 0.3, gesture: point}", "{clip: tst_a, at: 1.3, gesture: wave}")

@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from gesturegen.ablation.summary import BLOCKS, FIGURES, PAPER, PAPER_CLIPS, Result, Setup
-from gesturegen.evaluation import VIEWER_BLOCKS, Measure
+from gesturegen.metrics.measures import VIEWER_BLOCKS, Measure
 from gesturegen.tables import align, beside_of, exact, format_figure, json_figures
 
 NOTE = (

@@ -387,7 +387,7 @@ def load_if_current(path: str | Path, config: Config, digest: str, with_motion: 
 
 
 def save(path: str | Path, clip: Clip, config: Config, digest: str = "") -> None:
-    """Store a clip as `.npz` (README, file formats); digest : of its inputs, so that `run` can tell."""
+    """Store a clip as `.npz` (docs/files.md); digest : of its inputs, so that `run` can tell."""
     arrays = {
         "format_version": np.array(FORMAT_VERSION),
         "settings": np.array(config.section_json(*_SETTINGS)),

@@ -24,9 +24,9 @@ from gesturegen.ablation.tables import aligned_blocks, beside_cells, format_spre
 from gesturegen.data import clips
 from gesturegen.data.index import Index, IndexedTest
 from gesturegen.errors import DataError, GesturegenError
-from gesturegen.evaluation import Measure
 from gesturegen.manifest import ClipRow, Manifest
 from gesturegen.methods import METHODS, libraries
+from gesturegen.metrics.measures import Measure
 from gesturegen.metrics.usage import training_utilisation
 from gesturegen.motion import cleanup, space
 from gesturegen.parallel import for_each, one_display

@@ -23,6 +23,7 @@ from gesturegen.frames import ReferenceFrames
 from gesturegen.inspection import traces
 from gesturegen.methods import METHODS, libraries
 from gesturegen.metrics.feet import FootSkate
+from gesturegen.metrics.measures import COMPAT_MEASURES
 from gesturegen.metrics.usage import training_utilisation
 from gesturegen.motion import cleanup, positions, space
 from gesturegen.outcome import Outcome
@@ -106,7 +107,7 @@ def evaluate(
     summary = Summary(outcome, lost + by_kind([note for _, done in sorted(measured.items()) for note in done["notes"]]))
     suffix = "" if bvh_folder is None else "_files"
     if compat:
-        columns = list(evaluation.COMPAT_MEASURES)
+        columns = list(COMPAT_MEASURES)
         rows, total = evaluation.genea_compat(generated, truths)
         control = beside = {}
         signature["conventions"] = "genea"

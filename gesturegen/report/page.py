@@ -21,6 +21,7 @@ from gesturegen import evaluation, files
 from gesturegen.ablation.summary import FIGURES
 from gesturegen.ablation.tables import format_spread
 from gesturegen.manifest import ClipRow, Manifest
+from gesturegen.metrics.measures import VIEWER_BLOCKS
 from gesturegen.report import lengths
 from gesturegen.settings.models import Config
 from gesturegen.stored.documents import Summary
@@ -157,7 +158,7 @@ def _summary(content: Content, config: Config) -> str:
     columns = [
         measure
         for measure in evaluation.measures(config)
-        if measure.block not in evaluation.VIEWER_BLOCKS
+        if measure.block not in VIEWER_BLOCKS
         and any(row.get(measure.key) is not None for row in [*figures.clips.values(), figures.total])
     ]
     headings = ["clip", "seconds", "pieces", "hard joins", "retries", "fallbacks", *(m.heading for m in columns)]
@@ -184,7 +185,7 @@ def _summary(content: Content, config: Config) -> str:
 def _viewer(content: Content, config: Config) -> str:
     """A table for each block of what a viewer complains of, with what stands beside its total."""
     figures, html = content.figures or _NO_FIGURES, ""
-    for block in evaluation.VIEWER_BLOCKS:
+    for block in VIEWER_BLOCKS:
         every = [*figures.clips.values(), figures.total]
         listed = [measure for measure in evaluation.measures(config) if measure.block == block]
         columns = [measure for measure in listed if any(row.get(measure.key) is not None for row in every)]

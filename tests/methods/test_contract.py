@@ -62,7 +62,8 @@ def data(tmp_path_factory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("name", ["cycle", *(pytest.param(name, marks=pytest.mark.slow) for name in sorted(METHODS))])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["cycle", *sorted(METHODS)])
 def test_every_command_takes_every_method(data, tmp_path, name, monkeypatch):
     monkeypatch.setitem(METHODS, "cycle", Cycle())
     work, method = tmp_path / "work", METHODS[name]
@@ -109,6 +110,7 @@ def test_conditions_are_refused_by_a_method_that_cannot_follow_them(data, tmp_pa
     assert "control of the hands needs search: global or method: motion_matching" in line and result.exit_code != 0
 
 
+@pytest.mark.slow
 def test_ablate_sets_up_any_method(data, tmp_path, monkeypatch):
     monkeypatch.setitem(METHODS, "cycle", Cycle())
     work = tmp_path / "work"
