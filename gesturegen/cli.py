@@ -26,7 +26,7 @@ from gesturegen.console import (
 from gesturegen.inputs import control_character
 
 if TYPE_CHECKING:
-    from gesturegen.ablation.plan import Plan
+    from gesturegen.experiment.plan import Plan
     from gesturegen.settings.models import Config
 
 
@@ -290,7 +290,7 @@ def check(config: Config, jobs: int, quiet: bool, folder: Path | None, strict: b
 
 
 def _load_plan(path: Path | None, overrides: tuple[str, ...], folders: dict[str, str]) -> Plan:
-    from gesturegen.ablation.plan import load_plan
+    from gesturegen.experiment.plan import load_plan
 
     return load_plan(path, overrides, folders)
 
@@ -301,7 +301,7 @@ def _load_plan(path: Path | None, overrides: tuple[str, ...], folders: dict[str,
 def ablate(config: Plan, jobs: int, quiet: bool, keep: bool) -> None:
     """Compare setups over several seeds, as in the paper's Table 2, into WORK/ablation.
 
-    --config is an ablation file: base config, seeds, and small config files that change it; without it, the
+    --config is a plan: base config, seeds, and setups or a grid of settings that change it; without it, the
     paper's five setups. Run preprocess with the base config first.
 
     \b
@@ -312,7 +312,7 @@ def ablate(config: Plan, jobs: int, quiet: bool, keep: bool) -> None:
 
 
 def _load_comparison(path: Path | None, overrides: tuple[str, ...], folders: dict[str, str]) -> Plan:
-    from gesturegen.ablation.plan import load_plan
+    from gesturegen.experiment.plan import load_plan
     from gesturegen.settings.loading import configs_folder
 
     return load_plan(path or configs_folder() / "compare.yaml", overrides, folders)
@@ -324,8 +324,8 @@ def _load_comparison(path: Path | None, overrides: tuple[str, ...], folders: dic
 def compare(config: Plan, jobs: int, quiet: bool, out: Path | None) -> None:
     """Compare all methods and the baselines over the same clips, in a table and on a page, into WORK/compare.
 
-    --config is a file like those of `ablate`: base config, seeds, and small config files that change it; without
-    it, the methods and baselines of configs/compare.yaml. Run preprocess with its base config first.
+    --config is a plan like those of `ablate`: base config, seeds, and setups that change it; without it, the
+    methods and baselines of configs/compare.yaml. Run preprocess with its base config first.
     WORK/compare/<setup> is a work folder for `evaluate`, `inspect` and `render`.
 
     \b

@@ -22,7 +22,7 @@ from gesturegen.inputs import shown
 from gesturegen.parallel import default_jobs, describe_bugs
 
 if TYPE_CHECKING:
-    from gesturegen.ablation.plan import Plan
+    from gesturegen.experiment.plan import Plan
     from gesturegen.pipeline import Summary
     from gesturegen.settings.models import Config
 

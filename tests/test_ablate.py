@@ -1,4 +1,4 @@
-"""`ablate`: the plan it reads, the figures it forms, the table it writes, and what it refuses."""
+"""Experiments by `ablate`: the plan they read, the figures they form, the table they write, and what they refuse."""
 
 import csv
 import json
@@ -11,14 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gesturegen import submission
-from gesturegen.ablation import causes, reference_length, summary, tables
-from gesturegen.ablation.plan import SHARED, load_plan
+from gesturegen import evaluation, submission
 from gesturegen.data import clips
 from gesturegen.errors import ConfigError
+from gesturegen.experiment import causes, figures, reference_length, tables
+from gesturegen.experiment.plan import SHARED, load_plan
+from gesturegen.experiment.presets import ABLATE, ABLATION_COLUMNS, MACHINE, PAPER, TIME_BLOCK
 from gesturegen.methods import libraries
 from gesturegen.methods.motion_graph import global_search
-from gesturegen.pipeline.ablate import shared_graphs
+from gesturegen.pipeline.experiment import shared_libraries
 from gesturegen.settings.loading import load_config
 from scripts.check_ablation import broken_guarantees, differences, reproducible
 from tests import naive, tiny
@@ -124,7 +125,7 @@ def test_csv_and_json_agree(finished, table):
     for row in rows[: -len(table["beside"])]:
         setup = table["setups"][row["setup"]]
         figures = setup["seeds"].get(row["seed"]) or setup[row["seed"]]
-        for figure in summary.FIGURES:
+        for figure in ABLATION_COLUMNS:
             value = figures.get(figure.key)
             assert row[figure.key] == "" if value is None else float(row[figure.key]) == value
 
@@ -171,8 +172,8 @@ def without_times(written: dict[str, bytes], printed: str) -> dict:
     left["ablation.json"] = reproducible(json.loads(written["ablation.json"]))
     del left["ablation.json"]["checksum"]  # of the search times too
     rows = csv.DictReader(written["ablation.csv"].decode().splitlines())
-    left["ablation.csv"] = [{key: cell for key, cell in row.items() if key != summary.MEASURED_TIME} for row in rows]
-    title = re.escape(summary.TIME_BLOCK)
+    left["ablation.csv"] = [{key: cell for key, cell in row.items() if key not in MACHINE} for row in rows]
+    title = re.escape(TIME_BLOCK)
     left["ablation.md"], markdown = re.subn(rf"## {title}\n\n(\|.*\n)+", "", written["ablation.md"].decode())
     left["printed"], terminal = re.subn(rf"\[{title}\]\n(.+\n)+", "", printed)
     assert markdown == terminal == 1
@@ -311,7 +312,7 @@ def test_a_graph_is_built_once_for_all_setups_of_its_settings(recorded, prepared
               "pruned": "continuity: {l_pn: 1}"}  # fmt: skip
     plan = load_plan(write_plan(tmp_path, setups))
     chosen = {(setup, seed): {"tst_a": ("trn_a",), "tst_b": ("trn_b",)} for setup in setups for seed in plan.seeds}
-    groups = shared_graphs(plan, chosen)
+    groups = shared_libraries(plan, chosen)
     assert groups == {
         (setup, (clip,)): "pruned" if setup == "pruned" else "beam" for setup in setups for clip in ("trn_a", "trn_b")
     }
@@ -334,17 +335,13 @@ def test_the_figures_by_reference_length(by_length):
             assert point["used_seconds"] == pytest.approx(np.mean(used))
 
 
-def test_without_lengths_there_is_no_such_file(finished, by_length, recorded, tmp_path):
+def test_without_lengths_there_is_no_such_file(finished):
     assert "reference_length.json" not in finished[2]
-    work = Path(shutil.copytree(by_length, tmp_path / "work"))
-    plan = write_plan(tmp_path / "plan", {"full": ""}, seeds=[0])
-    assert run("ablate", "--config", plan, "--data", recorded, "--work", work, "-j", 1).exit_code == 0
-    assert not (work / "ablation/reference_length.json").exists(), "an older one is not of this table"
 
 
 def test_a_length_without_an_output_has_no_figures():
     stuck = {"setup": "a", "failure": 1, "seconds": 2.0, "reference_seconds": 4.0, "reference_share": math.nan}
-    result = summary.Result({}, 1, {}, [stuck])
+    result = figures.Result(ABLATE, ABLATION_COLUMNS, {}, 1, {}, [stuck])
     (point,) = reference_length.table({"a": load_config(None, ["references.seconds=4"])}, result)["lines"]["beam"]
     assert point["reference_seconds"] == 4.0
     assert point["join_distance_per_minute"] is None and point["used_seconds"] is None
@@ -359,7 +356,8 @@ def test_two_lines_of_one_search_are_called_after_their_first_setup():
     }
     configs = {name: load_config(None, overrides) for name, overrides in settings.items()}
     rows = [{"setup": name, "failure": 1, "seconds": 2.0, "reference_seconds": 4.0} for name in configs]
-    lines = reference_length.table(configs, summary.Result({}, 1, {}, rows))["lines"]
+    result = figures.Result(ABLATE, ABLATION_COLUMNS, {}, 1, {}, rows)
+    lines = reference_length.table(configs, result)["lines"]
     assert {name: [p["setup"] for p in points] for name, points in lines.items()} == {
         "a": ["a", "b"], "c": ["c"], "global": ["d"],
     }  # fmt: skip
@@ -368,34 +366,36 @@ def test_two_lines_of_one_search_are_called_after_their_first_setup():
 # --- the figures, by hand -----------------------------------------------------------------------------------
 
 
-def hand_row(**figures) -> dict:
-    return {"failure": 0, "graph": "a", "references": ["a"], "unnatural_edges": 5, **figures}
+def hand_row(**own) -> dict:
+    row = evaluation.failed_row(load_config()) | {"graph": "a", "references": ["a"], "unnatural_edges": 5}
+    return row | {"failure": 0} | own
 
 
 def test_a_runs_figures_by_hand():
     rows = [
-        hand_row(syn=1.0, pieces=10, retries=3, max_uses=2, fallback_repeat=1),
-        hand_row(syn=2.0, pieces=20, retries=4, max_uses=7, fallback_repeat=2),
-        hand_row(syn=math.nan, pieces=math.nan, failure=1, graph="b", references=["b"], unnatural_edges=7),
+        hand_row(syn=1.0, pieces=10, retries=3, max_uses=2, fallback_repeat=1, objective=2.0),
+        hand_row(syn=2.0, pieces=20, retries=4, max_uses=7, fallback_repeat=2, objective=5.0),
+        hand_row(pieces=math.nan, failure=1, graph="b", references=["b"], unnatural_edges=7),
     ]
-    figures = summary.run_figures(rows, {"a": 10.0, "b": 20.0, "c": 30.0}, 120.0)
-    assert figures["syn"] == 1.5 and figures["pieces"] == 30 and figures["retries"] == 7 and figures["failure"] == 1
-    assert figures["max_uses"] == 7 and figures["fallback_repeat"] == 3
-    assert figures["unnatural_edges"] == 12, "each graph counts once"
-    assert figures["utilisation"] == 0.25
-    assert math.isnan(figures["div"])
+    seconds = {"a": 10.0, "b": 20.0, "c": 30.0}
+    total = figures.run_figures(rows, [], ABLATION_COLUMNS, load_config(), seconds, 120.0)
+    assert total["syn"] == 1.5 and total["pieces"] == 30 and total["retries"] == 7 and total["failure"] == 1
+    assert total["max_uses"] == 7 and total["fallback_repeat"] == 3 and total["objective"] == 3.5
+    assert total["unnatural_edges"] == 12, "each graph counts once"
+    assert total["utilisation"] == pytest.approx(1 / 12), "of the clips that have an output, as `evaluate` has it"
+    assert math.isnan(total["div"])
 
 
 def test_mean_and_spread_by_hand():
     by_seed = {
-        seed: {f.key: math.nan for f in summary.FIGURES} | {"syn": value, "failure": seed}
-        for seed, value in ((0, 1.0), (1, 2.0), (2, 6.0))
+        seed: {"syn": value, "failure": seed, "held_share": 0.1} for seed, value in ((0, 1.0), (1, 2.0), (2, 6.0))
     }
     by_seed[1]["div"] = 0.5
-    setup = summary.over_seeds(by_seed)
+    setup = figures.over_seeds(by_seed, ABLATION_COLUMNS)
     assert setup.mean["syn"] == 3.0 and setup.spread["syn"] == pytest.approx(math.sqrt(7.0))
     assert setup.mean["failure"] == 1 and setup.spread["failure"] == 1
     assert setup.mean["div"] == 0.5 and math.isnan(setup.spread["div"])
+    assert setup.spread["held_share"] == 0.0, "equal figures differ from their mean by its rounding"
     assert math.isnan(setup.mean["bc_kernel"])
 
 
@@ -431,7 +431,7 @@ def test_the_checker_sees_every_difference():
 
 def test_the_papers_setups_change_what_the_paper_says():
     plan = load_plan(TOP / "configs/ablation.yaml")
-    assert plan.seeds == (0, 1, 2) and set(plan.setups) == set(summary.PAPER)
+    assert plan.seeds == (0, 1, 2) and set(plan.setups) == set(PAPER)
     full = plan.setups["full"]
     assert full.signature() == plan.base.signature() == load_config().signature()
     changed = {
@@ -517,11 +517,74 @@ BAD_PLANS = {
     "two of one name": ({"files": ["full.yaml", "./full.yaml"]}, "two setups are called full"),
     "unknown key": ({"seed": [1]}, r"ablation\.yaml:3: unknown key 'seed'; did you mean 'seeds'"),
     "no setups": ({"files": []}, "setups: give at least one"),
-    "setups missing": ({"files": None}, "setups: missing"),
+    "setups missing": ({"files": None}, "there are no setups; add the key `setups`"),
     "wrong seeds": ({"seeds": ["a"]}, r"ablation\.yaml:1: seeds\.0: found \"a\""),
     "a seed twice": ({"seeds": [1, 1]}, "seeds: give at least one, and each once"),
     "no such base": ({"base": "mine.yaml"}, r"ablation\.yaml:3: base: .*mine\.yaml does not exist"),
 }
+
+
+GRID = """\
+seeds: [0]
+setups:
+  - plain: {}
+grid:
+  name: "{variant}_{references.seconds}"
+  axes:
+    variant:
+      slow: {blend: {l_blend: 9}, search: global}
+      beam: {}
+    references.seconds: {half: 0.5, all: null}
+    seed_of_beam: {usual: {}}
+  leave_out: [beam_all]
+"""
+
+
+def test_a_grid_is_every_combination_but_those_left_out(tmp_path):
+    (tmp_path / "plan.yaml").write_text(GRID)
+    plan = load_plan(tmp_path / "plan.yaml")
+    assert list(plan.setups) == ["plain", "slow_half", "slow_all", "beam_half"]
+    assert plan.setups["plain"] == plan.base
+    assert changed_settings(plan.base, plan.setups["slow_half"]) == {
+        "blend.l_blend": 9, "search": "global", "references.seconds": 0.5,
+    }  # fmt: skip
+    (tmp_path / "plan.yaml").write_text("grid: {axes: {search: [beam, global], continuity.l_pn: [1, 10]}}")
+    assert list(load_plan(tmp_path / "plan.yaml").setups) == ["beam_1", "beam_10", "global_1", "global_10"]
+
+
+BAD_GRIDS = {
+    "what setups share": ("references.seconds", "references.k", r":10: references\.k: all setups must share it"),
+    "what they share, deeper": ("l_blend: 9}", "l_blend: 9}, seed: 3", r":8: seed: all setups must share it"),
+    "what shared settings cannot be": ("0.5", "many", r':10: references\.seconds: found "many"'),
+    "a typo": ("l_blend", "l_bend", r":8: unknown key 'blend\.l_bend'; did you mean 'l_blend'"),
+    "the same by two axes": (
+        "beam: {}",
+        "beam: {references: {seconds: 3}}",
+        ":4: grid: two axes set references.second",
+    ),
+    "no such axis": ("{variant}_", "{version}_", ":5: grid.name: no axis 'version'; there are variant, references"),
+    "an axis that is not told": ("{variant}_", "", ":4: grid: two setups are called half"),
+    "nothing to leave out": ("[beam_all]", "[beam_al]", r":12: grid\.leave_out: .*'beam_al'; did you mean 'beam_all'"),
+    "settings without labels": (
+        "{usual: {}}",
+        "[usual]",
+        r":11: grid\.axes\.seed_of_beam: found .*, allowed: settings",
+    ),
+    "no settings": ("beam: {}", "beam: 3", r":7: grid\.axes\.variant: beam: found 3, allowed: settings"),
+    "a name that is no folder's": ("beam: {}", "../beam: {}", r':4: grid: "../beam_half" cannot be the name'),
+    "a name that is taken": ("plain", "slow_half", ":4: grid: two setups are called slow_half"),
+    "an odd setup": ("plain: {}", "3", ":3: setups: found 3, allowed: the name of a file, or"),
+    "too many": ("{half: 0.5, all: null}", str([*range(1, 502)]), ":4: grid: 1,002 combinations, at most 1,000"),
+    "a misspelt key": ("leave_out", "leave", r":12: unknown key 'grid\.leave'; did you mean 'leave_out'"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_GRIDS)
+def test_a_bad_grid_is_one_line(case, tmp_path):
+    old, new, words = BAD_GRIDS[case]
+    (tmp_path / "plan.yaml").write_text(GRID.replace(old, new))
+    with refused(ConfigError, rf"^{re.escape(str(tmp_path / 'plan.yaml'))}{words}"):
+        load_plan(tmp_path / "plan.yaml")
 
 
 @pytest.mark.parametrize("case", BAD_PLANS)
@@ -534,7 +597,7 @@ def test_a_bad_plan_is_one_line(case, tmp_path):
 
 
 def test_a_seed_is_no_setting(tmp_path):
-    with refused(ConfigError, "--set seed=3: an ablation has its own seeds"):
+    with refused(ConfigError, "--set seed=3: a plan has its own seeds"):
         load_plan(write_plan(tmp_path), ["seed=3"])
 
 
@@ -553,6 +616,9 @@ def test_a_clip_that_fails_stops_the_table(recorded, prepared, tmp_path):
     work = Path(shutil.copytree(prepared, tmp_path / "work"))
     (work / "clips/tst_a.npz").write_bytes(b"torn")
     shutil.rmtree(work / "ablation", ignore_errors=True)
+    (work / "ablation").mkdir()
+    for name in ("ablation.md", "ablation.png", "reference_length.json"):
+        (work / "ablation" / name).write_text("of an earlier run")
     plan = write_plan(tmp_path / "plan", {"full": ""}, seeds=[0])
     result = run("ablate", "--config", plan, "--data", recorded, "--work", work, "-j", 1)
     assert result.exit_code == 1 and "error: tst_a, seed 0, full: " in result.output and "no table" in result.output

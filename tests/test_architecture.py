@@ -34,7 +34,7 @@ ROOMS = [
     {"evaluation"},
     {"doctor"},
     {"tables"},
-    {"ablation"},
+    {"experiment"},
     {"report"},
     {"video", "inspection", "export"},
     {"demo"},

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from gesturegen import evaluation
-from gesturegen.ablation.plan import load_plan
+from gesturegen.experiment.plan import load_plan
+from gesturegen.experiment.presets import MACHINE, MACHINE_COLUMNS
 from gesturegen.parallel import for_each
-from gesturegen.pipeline.compare import MACHINE_MEASURES, _peak_megabytes
+from gesturegen.pipeline.search_memory import peak_megabytes
 from gesturegen.settings.loading import load_config
 from tests import tiny
 from tests.builders import chain, write_clip
-from tests.commands import errors, run, succeed, tree
+from tests.commands import run, succeed, tree
 from tests.test_ablate import write_plan
 
 TOP = Path(__file__).parent.parent
@@ -26,7 +27,6 @@ SETUPS = {
     "mismatched": "method: baseline\nbaseline: mismatched",
     "random_stretch": "method: baseline\nbaseline: random_stretch",
 }
-MACHINE = {measure.key for measure in MACHINE_MEASURES}
 CLIPS = ("tst_a", "tst_b")
 # Every method and baseline is run for them.
 pytestmark = pytest.mark.slow
@@ -76,7 +76,7 @@ def table(finished) -> dict:
 def test_a_row_per_setup_with_every_measure(finished, table, prepared):
     folder, printed = finished
     plan = load_plan(prepared[0])
-    measures = [*evaluation.measures(plan.base), *MACHINE_MEASURES]
+    measures = [*evaluation.measures(plan.base), *MACHINE_COLUMNS]
     assert [column["key"] for column in table["columns"]] == [measure.key for measure in measures]
     assert list(table["setups"]) == list(SETUPS)
     markdown = (folder / "compare.md").read_text()
@@ -117,7 +117,8 @@ def test_one_row_per_setup_seed_and_clip(table):
     found = [(row["setup"], row["seed"], row["clip"]) for row in table["clips"]]
     assert found == [(name, seed, clip) for name in SETUPS for seed in (0, 3) for clip in CLIPS]
     for row in table["clips"]:
-        assert 0 < row["search_seconds"] < 60
+        # As in an ablation, a stuck clip has no figures.
+        assert row["failure"] or 0 < row["search_seconds"] < 60
 
 
 def test_failures_are_counted(table):
@@ -135,17 +136,10 @@ def test_memory_is_measured_at_the_first_seed(table):
 
 def test_a_fresh_process_is_no_larger_for_what_was_done_before():
     held = np.ones(40_000_000)  # 320 MB in this process
-    mine = _peak_megabytes()
+    mine = peak_megabytes()
     assert mine > held.nbytes / 1e6
-    made = for_each({"alone": _peak_megabytes}, 1, "test", quiet=True, fresh=True)
+    made = for_each({"alone": peak_megabytes}, 1, "test", quiet=True, fresh=True)
     assert made.done["alone"] < mine - 150
-
-
-def test_the_setups_share_their_references(table):
-    for seed in (0, 3):
-        for clip in CLIPS:
-            used = {tuple(r["references"]) for r in table["clips"] if (r["seed"], r["clip"]) == (seed, clip)}
-            assert len(used) == 1
 
 
 def test_the_baselines_are_stretches_of_the_whole_length(finished):
@@ -233,25 +227,6 @@ def test_the_result_does_not_depend_on_the_number_of_workers(finished, table, re
             assert {key: ours[key] for key in ours.keys() - MACHINE} == {
                 key: theirs[key] for key in theirs.keys() - MACHINE
             }
-
-
-def test_a_clip_that_fails_stops_the_table(recorded, prepared, tmp_path):
-    (tmp_path / "clips").mkdir()
-    for path in (prepared[1] / "clips").iterdir():
-        (tmp_path / "clips" / path.name).write_bytes(path.read_bytes())
-    (tmp_path / "clips/tst_a.npz").write_bytes(b"torn")
-    few = made_plan(tmp_path / "plan", {"random_stretch": SETUPS["random_stretch"]}, seeds=[0])
-    (tmp_path / "compare").mkdir()
-    (tmp_path / "compare/compare.md").write_text("of an earlier run")
-    result = run("compare", "--config", few, "--data", recorded, "--work", tmp_path, "-j", 1)
-    assert result.exit_code == 1 and "error: tst_a, seed 0, random_stretch: " in result.output
-    assert "no table" in result.output and errors(result)
-    assert not list((tmp_path / "compare").glob("compare.*"))
-
-
-def test_what_must_run_first(recorded, tmp_path):
-    result = run("compare", "--data", recorded, "--work", tmp_path)
-    assert result.exit_code == 1 and "run `gesturegen preprocess` first" in errors(result)[0]
 
 
 def test_the_plan_has_all_methods_and_the_papers_baselines():

@@ -6,6 +6,7 @@ import pytest
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from gesturegen import strict_yaml
 from gesturegen.errors import ConfigError
 from gesturegen.randomness import generator
 from gesturegen.settings import loading
@@ -644,7 +645,8 @@ def test_a_missing_list_is_named_with_the_places_looked_at(load, tmp_path, text,
 def layer(load, tmp_path):
     def layer(base, setup):
         (tmp_path / "setup.yaml").write_text(setup)
-        return layer_config(load(base), tmp_path / "setup.yaml")
+        path = tmp_path / "setup.yaml"
+        return layer_config(load(base), *strict_yaml.read_mapping(path, "check the path"), path)
 
     return layer
 

@@ -4,14 +4,13 @@ Each returns what the command line shows; errors of single clips are in its `Out
 clips are unharmed. An error that concerns the whole command is raised.
 """
 
-from gesturegen.pipeline.ablate import ablate
 from gesturegen.pipeline.align import align, transcribe
 from gesturegen.pipeline.build_graph import build_graphs
 from gesturegen.pipeline.common import Summary
-from gesturegen.pipeline.compare import compare
 from gesturegen.pipeline.datasets import demo_data, init
 from gesturegen.pipeline.doctor import doctor
 from gesturegen.pipeline.evaluate import evaluate
+from gesturegen.pipeline.experiment import ablate, compare
 from gesturegen.pipeline.export import export
 from gesturegen.pipeline.inspect import inspect
 from gesturegen.pipeline.preprocess import preprocess

@@ -5,29 +5,26 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from gesturegen import __version__, remembered, submission
-from gesturegen.data import clips, keynodes
+from gesturegen.data import clips
 from gesturegen.data.stored_clips import digests, stored_digest
 from gesturegen.errors import DamagedError, DataError
 from gesturegen.frames import ReferenceFrames
 from gesturegen.manifest import ClipRow, Manifest
 from gesturegen.methods import METHODS, libraries
-from gesturegen.motion.skeleton import Motion
 from gesturegen.parallel import for_each
 from gesturegen.path import Path as SearchPath
 from gesturegen.pipeline import keyword_gestures, refiner
 from gesturegen.pipeline.common import Summary, chosen_references, read_index, require_writable
+from gesturegen.pipeline.gesturing import gesture, read_speech, title_of
 from gesturegen.pipeline.memory import require_memory
-from gesturegen.pipeline.showing import show
-from gesturegen.randomness import generator
 from gesturegen.settings.models import Config
 from gesturegen.stored import documents, sealing
 from gesturegen.trace import Trace
@@ -153,7 +150,7 @@ def _search_batch(tests: Sequence[str], names: tuple[str, ...], config: Config, 
         try:
             inputs = _made_of(test, names, config, 1)
             if not (reuse and _kept(test, inputs, config)[0]):
-                speeches[test] = clips.load(clip_path(config, test), config, with_motion=False).test_speech(config)
+                speeches[test] = read_speech(test, config)
         except DataError:
             continue  # told by the clip's own task
     if len(speeches) < 2:
@@ -179,16 +176,19 @@ def _reenact_clip(
     references, graph = _library(
         config.model_dump_json(by_alias=True), names, digests(config, names), _graph_digest(config, names)
     )
-    results, shown = [], []
-    for trace, motion, frames in islice(gestures(test, names, references, graph, config, found), variants):
-        told = trace.model_copy(update={"inputs": inputs[trace.variant - 1]})
-        written = submission.write_clip(_folder(config, trace.variant), test, motion, told)
+    speech = read_speech(test, config)
+    results, shown, earlier = [], [], []
+    for variant, hashed in enumerate(inputs, 1):
+        made = gesture(test, names, graph, references, speech, config, found if variant == 1 else None, earlier)
+        earlier.append(made.found)
+        told = made.trace.model_copy(update={"inputs": hashed})
+        written = submission.write_clip(_folder(config, variant), test, made.motion, told)
         new = None
-        if motion is not None:
-            nodes = trace.shown_nodes()
-            new = share_of_new_frames(nodes, shown, frames) if shown else None
+        if made.motion is not None:
+            nodes = made.trace.shown_nodes()
+            new = share_of_new_frames(nodes, shown, made.frames) if shown else None
             shown.append(nodes)
-        results.append(_Made(submission.clip_row(trace, written), (*lost, *trace.notes), new))
+        results.append(_Made(submission.clip_row(made.trace, written), (*lost, *made.trace.notes), new))
     return results
 
 
@@ -201,34 +201,6 @@ def _kept(test: str, inputs: str, config: Config) -> tuple[Trace | None, list[st
         return submission.read_trace_if_current(_folder(config, 1), test, inputs), []
     except DamagedError as error:
         return None, [sealing.remade(error)]
-
-
-def gestures(
-    test: str,
-    names: Sequence[str],
-    references: Sequence[clips.Reference],
-    graph: ReferenceFrames,
-    config: Config,
-    found: SearchPath | None = None,
-) -> Iterator[tuple[Trace, Motion | None, ReferenceFrames]]:
-    """Traces, motions and what their nodes are of, for one test clip: each made to differ from those before.
-
-    The motion is None where the search got stuck.
-    found : the path of the first, where it has been searched for already
-    """
-    speech = clips.load(clip_path(config, test), config, with_motion=False).test_speech(config)
-    key_nodes = keynodes.of_speech(speech, config.keywords.words)
-    earlier = []
-    while True:
-        variant = len(earlier) + 1
-        rng = generator(config.seed, _title(test, variant))
-        path, found = found, None
-        if path is None:
-            path = METHODS[config.method].search(graph, speech, config, rng, [p for p in earlier if p.failure is None])
-        earlier.append(path)
-        path, frames, motion = show(path, graph, references, speech, config)
-        trace = submission.make_trace(path, frames, library_name(config, names), speech, key_nodes, config, variant)
-        yield trace, motion, frames
 
 
 def share_of_new_frames(nodes: np.ndarray, earlier: Sequence[np.ndarray], graph: ReferenceFrames) -> float:
@@ -252,10 +224,6 @@ def share_of_new_frames(nodes: np.ndarray, earlier: Sequence[np.ndarray], graph:
 
 
 # --- folders of variants ------------------------------------------------------------------------------------
-
-
-def _title(test: str, variant: int) -> str:
-    return test if variant == 1 else f"{test}, variant {variant}"
 
 
 def _folder(config: Config, variant: int) -> Path:
@@ -326,7 +294,7 @@ def _describe(summary: Summary, config: Config) -> None:
     for test, results in done.items():
         said: set[str] = set()
         for variant, result in enumerate(results, 1):
-            title, row = _title(test, variant), result.row
+            title, row = title_of(test, variant), result.row
             summary.warnings += [(title, note) for note in result.notes if note not in said]
             said.update(result.notes)
             if row.stuck:

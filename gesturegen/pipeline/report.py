@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,18 +10,18 @@ from pathlib import Path
 from gesturegen import evaluation, submission
 from gesturegen import frames as reference_frames
 from gesturegen.control import hands
-from gesturegen.data import clips
 from gesturegen.data.index import IndexedTest
 from gesturegen.errors import DataError, GesturegenError
 from gesturegen.manifest import Manifest
 from gesturegen.motion import cleanup, space
 from gesturegen.parallel import for_each
 from gesturegen.pipeline.common import Summary, read_index, read_manifest, require_writable
+from gesturegen.pipeline.gesturing import read_speech
 from gesturegen.report import pack, page
 from gesturegen.settings.models import Config
 from gesturegen.speech import audio
 from gesturegen.stored import documents, sealing
-from gesturegen.workspace import clip_path, work_path
+from gesturegen.workspace import work_path
 
 _OWN_LABELS = ("generated", "truth")
 # What tells in a graph where the hands of the references are.
@@ -124,18 +124,23 @@ def _pack_clip(name: str, indexed: IndexedTest | None, config: Config, others: S
             f"clip {name}: reenacted from other clips than are there now; run `gesturegen reenact` again"
         )  # fmt: skip
     notes: list[str] = []
-    speech = clips.load(clip_path(config, name), config, with_motion=False).test_speech(config)
-    motions = [_reenacted(name, work_path(config), config, "generated")]
+    motions = [reenacted(name, work_path(config), config, "generated")]
     if indexed.truth:
-        motions += _optional("true motion", notes, lambda: _true_motion(Path(indexed.truth), config))
+        motions += optional("true motion", notes, lambda: true_motion(Path(indexed.truth), config))
     for run in others:
         if name in run.names:
-            motions.append(_reenacted(name, run.work, config, run.label))
+            motions.append(reenacted(name, run.work, config, run.label))
         else:
             notes.append(f"{run.label} has no motion of this clip")
+    return pack_sounding(name, indexed, config, motions, notes)
+
+
+def pack_sounding(name: str, indexed: IndexedTest, config: Config, motions: list[dict], notes: list[str]) -> dict:
+    """Pack the motions of a clip with its speech as the text that goes into a page; `notes` say what is not there."""
+    speech = read_speech(name, config)
     sound = [None]
     if indexed.audio:
-        sound = _optional("sound", notes, lambda: pack.pack_audio(*audio.read_samples(indexed.audio))) or [None]
+        sound = optional("sound", notes, lambda: pack.pack_audio(*audio.read_samples(indexed.audio))) or [None]
     else:
         notes.append("no sound: the index of clips names no audio file; run `gesturegen preprocess` again")
     packed = pack.pack_clip(speech, config.keywords.words, motions, sound[0], notes)
@@ -143,8 +148,8 @@ def _pack_clip(name: str, indexed: IndexedTest | None, config: Config, others: S
     return {"text": pack.inert_json(packed), "notes": notes, "largest_join": max(distances, default=0.0)}
 
 
-def _reenacted(name: str, work: Path, config: Config, label: str) -> dict:
-    """The motion of a run, with what its trace says."""
+def reenacted(name: str, work: Path, config: Config, label: str) -> dict:
+    """Pack the motion of a run, with what its trace says."""
     folder = work / "reenact"
     for suffix in (".bvh", ".trace.json"):
         if not (folder / f"{name}{suffix}").is_file():
@@ -172,12 +177,13 @@ def _reenacted(name: str, work: Path, config: Config, label: str) -> dict:
     return pack.pack_motion(motion, config, label, pack.pack_trace(trace, stored["source_frames"], control))
 
 
-def _true_motion(path: Path, config: Config) -> dict:
+def true_motion(path: Path, config: Config) -> dict:
+    """Pack the true motion of a clip."""
     return pack.pack_motion(cleanup.resample(space.read(path, config), config.fps), config, "truth")
 
 
-def _optional(what: str, notes: list[str], read) -> list[dict]:
-    """What `read` gives, or nothing and a note: a clip can be watched without it."""
+def optional(what: str, notes: list[str], read: Callable[[], dict]) -> list[dict]:
+    """Return what `read` gives, or nothing and a note: a clip can be watched without it."""
     try:
         return [read()]
     except GesturegenError as error:

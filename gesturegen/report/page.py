@@ -18,8 +18,8 @@ from itertools import islice
 from pathlib import Path
 
 from gesturegen import evaluation, files
-from gesturegen.ablation.summary import FIGURES
-from gesturegen.ablation.tables import format_spread
+from gesturegen.experiment.presets import ABLATION_COLUMNS
+from gesturegen.experiment.tables import format_spread
 from gesturegen.manifest import ClipRow, Manifest
 from gesturegen.metrics.measures import VIEWER_BLOCKS
 from gesturegen.report import lengths
@@ -267,11 +267,11 @@ def _ablation_table(setups: Mapping[str, Mapping], beside: Mapping[str, Mapping]
             {key: math.nan if value is None else value for key, value in (setup.get(part) or {}).items()}
             for part in ("mean", "spread")
         )
-        cells = [format_spread(mean.get(f.key, math.nan), spread.get(f.key, math.nan)) for f in FIGURES]
+        cells = [format_spread(mean.get(f.key, math.nan), spread.get(f.key, math.nan)) for f in ABLATION_COLUMNS]
         rows.append(_row(escape(name), [*cells, ""]))
         if printed := setup.get("paper"):
-            cells = [format_figure(printed[f.key]) if printed.get(f.key) is not None else "" for f in FIGURES]
+            cells = [format_figure(printed[f.key]) if printed.get(f.key) is not None else "" for f in ABLATION_COLUMNS]
             rows.append(_row("in the paper", [*cells, format_figure(printed.get("bc"))]))
     for name, row in beside.items():
-        rows.append(_row(escape(name), [*(format_figure(row.get(f.key)) for f in FIGURES), ""]))
-    return _table(["setup", *(figure.heading for figure in FIGURES), "paper's BC"], rows)
+        rows.append(_row(escape(name), [*(format_figure(row.get(f.key)) for f in ABLATION_COLUMNS), ""]))
+    return _table(["setup", *(figure.heading for figure in ABLATION_COLUMNS), "paper's BC"], rows)

@@ -15,7 +15,7 @@ from gesturegen.methods.sections import LISTS
 from gesturegen.settings.base import Section
 from gesturegen.settings.control import Schedule
 from gesturegen.settings.messages import allowed_text, brief, validated
-from gesturegen.settings.models import Ablation, Config, no_control
+from gesturegen.settings.models import Config, PlanFile, no_control
 from gesturegen.settings.speech import Keywords
 
 
@@ -56,9 +56,8 @@ def load_config(
     return _with_files(config, Path(path).parent if path is not None else None)
 
 
-def layer_config(base: Config, path: str | Path) -> Config:
-    """`base` with what a YAML file changes of it; ConfigError as by `load_config`."""
-    changes, lines = strict_yaml.read_mapping(path, "check the path")
+def layer_config(base: Config, changes: Mapping, lines: dict[tuple, int], path: str | Path) -> Config:
+    """`base` with changes that stand in a YAML file, at these lines of it; ConfigError as by `load_config`."""
     values = json.loads(base.model_dump_json(by_alias=True))
     if "keywords" in changes:
         values["keywords"] = {}  # the base's words were read in, and would win over another file
@@ -70,13 +69,13 @@ def layer_config(base: Config, path: str | Path) -> Config:
     return _with_files(validated(Config, _merged(values, changes), inputs.shown(path), lines), Path(path).parent)
 
 
-def _section(values: dict, name: str) -> dict:
+def _section(values: Mapping, name: str) -> dict:
     """A section of a file that is not validated yet; empty where it is missing or no section."""
     section = values.get(name)
     return section if isinstance(section, dict) else {}
 
 
-def _merged(values: dict, changes: dict) -> dict:
+def _merged(values: dict, changes: Mapping) -> dict:
     """`values` with `changes` laid over them, section by section."""
     merged = dict(values)
     for key, value in changes.items():
@@ -85,10 +84,10 @@ def _merged(values: dict, changes: dict) -> dict:
     return merged
 
 
-def load_ablation(path: str | Path) -> tuple[Ablation, dict[tuple, int]]:
-    """An ablation file and the line of each of its keys; ConfigError as by `load_config`."""
-    values, lines = strict_yaml.read_mapping(path, "give an existing ablation file with --config")
-    return validated(Ablation, values, inputs.shown(path), lines), lines
+def load_plan_file(path: str | Path) -> tuple[PlanFile, dict[tuple, int]]:
+    """A plan of setups and seeds, and the line of each of its keys; ConfigError as by `load_config`."""
+    values, lines = strict_yaml.read_mapping(path, "give an existing plan of setups with --config")
+    return validated(PlanFile, values, inputs.shown(path), lines), lines
 
 
 def _apply_override(values: dict, override: str) -> tuple:

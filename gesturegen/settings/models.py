@@ -341,16 +341,39 @@ class Config(MethodSections):
         return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:12]
 
 
-class Ablation(Section):
-    """What an ablation file holds; see `configs/ablation.yaml`."""
+class Grid(Section):
+    """Setups as all combinations of some axes; see `configs/reference_length.yaml`.
+
+    name : how each is called, `{axis}` standing for the label of its value; None for all labels, joined by `_`
+    axes : by name, the first changing slowest: values of the setting of that name, as a list or by label, or, under
+        any other name, settings by label; leave_out : names of combinations that are no setups
+    """
+
+    name: str | None = None
+    axes: dict[str, Any]
+    leave_out: tuple[str, ...] = ()
+
+
+class PlanFile(Section):
+    """What a plan of setups and seeds holds; see `configs/ablation.yaml`.
+
+    setups : file names, or `{name: settings}`; the setups of the grid follow them
+    """
 
     base: str | None = None
     seeds: tuple[Annotated[int, Field(ge=0)], ...] = (0, 1, 2)
-    setups: tuple[str, ...]
+    setups: tuple[Any, ...] | None = None
+    grid: Grid | None = None
 
     @field_validator("seeds", "setups")
     @classmethod
-    def _different(cls, values: tuple) -> tuple:
-        if not values or len(set(values)) < len(values):
+    def _different(cls, values: tuple | None) -> tuple | None:
+        if values is not None and (not values or any(values.count(value) > 1 for value in values)):
             raise ValueError("give at least one, and each once")
         return values
+
+    @model_validator(mode="after")
+    def _any_setup(self) -> PlanFile:
+        if self.setups is None and self.grid is None:
+            raise ValueError("there are no setups; add the key `setups`, or `grid`")
+        return self

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gesturegen.ablation.summary import Result
+from gesturegen.experiment.figures import Result
 from gesturegen.settings.models import Config
 from gesturegen.tables import json_figures
 
@@ -15,7 +15,7 @@ _MEANS = ("join_distance_mean", "hard_joins_per_minute", "reference_share", "obj
 
 
 def table(setups: Mapping[str, Config], result: Result) -> dict:
-    """What `reference_length.json` holds: for every line of the plot its points, by length.
+    """Gather what `reference_length.json` holds: for every line of the plot its points, by length.
 
     A line is a group of setups that differ in `references.seconds` alone; it is called after its search, or,
     where another is too, after its first setup.

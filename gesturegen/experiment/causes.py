@@ -27,7 +27,7 @@ def measure(
     generated: evaluation.Joints, truth: evaluation.Joints | None, trace: Trace, graph: ReferenceFrames,
     onset_times: np.ndarray, config: Config,
 ) -> dict[str, float]:  # fmt: skip
-    """The figures of `KEYS` for one clip; NaN where the clip has no evidence for one."""
+    """Measure the figures of `KEYS` for one clip; NaN where the clip has no evidence for one."""
     seams = evaluation.seam_frames(trace, graph)
     seconds = trace.seconds
     settings = config.evaluation
@@ -61,7 +61,7 @@ def measure(
 
 
 def near(seams: np.ndarray, n_frames: int) -> np.ndarray:
-    """bool `[shape=(n_frames,)]`: within `REACH` frames of a seam; the frame of a seam is the first after it."""
+    """Mark the frames within `REACH` of a seam, bool `[shape=(n_frames,)]`; the frame of a seam is the first after it."""
     found = np.zeros(n_frames, dtype=bool)
     for seam in seams:
         found[max(seam - REACH, 0) : seam + REACH] = True

@@ -1,4 +1,4 @@
-"""What an ablation runs: one base config, setups that change a few of its settings, and seeds."""
+"""What an experiment runs: one base config, setups that change a few of its settings, and seeds."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from pathlib import Path
 
 from gesturegen import inputs, strict_yaml
 from gesturegen.errors import ConfigError
-from gesturegen.settings.loading import configs_folder, layer_config, load_ablation, load_config
+from gesturegen.experiment.grid import Changes, combinations, written_in_place
+from gesturegen.settings.loading import configs_folder, layer_config, load_config, load_plan_file
 from gesturegen.settings.models import Config
 
 # What a setup may not change: the stored clips, who is whose reference, and what measures them. Only then
@@ -22,7 +23,10 @@ SHARED = (
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """base : what all setups share; setups : their settings by name, in the order of the table."""
+    """What an experiment runs.
+
+    base : what all setups share; setups : their settings by name, in the order of the table
+    """
 
     base: Config
     seeds: tuple[int, ...]
@@ -30,44 +34,56 @@ class Plan:
 
     @property
     def signature(self) -> dict:
-        """What names the plan: the hash of each setup's settings at the first seed, and the seeds."""
+        """Name the plan: the hash of each setup's settings at the first seed, and the seeds."""
         first = self.seeds[0]
         hashes = {name: seeded(config, first).signature() for name, config in self.setups.items()}
         return {"config_hashes": hashes, "seeds": list(self.seeds)}
 
 
 def seeded(config: Config, seed: int) -> Config:
-    """`config` with another run seed."""
+    """Give `config` another run seed."""
     return config.model_copy(update={"seed": seed})
 
 
 def load_plan(
     path: str | Path | None = None, overrides: Sequence[str] = (), folders: Mapping[str, str] | None = None
 ) -> Plan:
-    """The plan of an ablation file, `configs/ablation.yaml` without one.
+    """Read a plan of setups and seeds, `configs/ablation.yaml` without one.
 
     overrides, folders : of the base config, as in `load_config`
 
     Raises ConfigError with one line per mistake.
     """
     path = Path(path) if path is not None else configs_folder() / "ablation.yaml"
-    listed, lines = load_ablation(path)
+    listed, lines = load_plan_file(path)
+    origin = inputs.shown(path)
     for override in overrides:
         if override.partition("=")[0].strip() == "seed":
-            raise ConfigError(
-                f"--set {inputs.shown(override)}: an ablation has its own seeds; change `seeds` in {inputs.shown(path)}"
-            )
+            raise ConfigError(f"--set {inputs.shown(override)}: a plan has its own seeds; change `seeds` in {origin}")
     base_path = None
     if listed.base is not None:
-        base_path = _beside(path, listed.base, f"{inputs.shown(path)}:{lines[('base',)]}: base")
+        base_path = _beside(path, listed.base, f"{origin}:{lines['base',]}: base")
     base = load_config(base_path, overrides, folders)
     setups: dict[str, Config] = {}
-    for number, name in enumerate(listed.setups):
-        where = f"{inputs.shown(path)}:{lines[('setups', number)]}: setups"
-        file = _beside(path, name, where)
-        if file.stem in setups:
-            raise ConfigError(f"{where}: two setups are called {file.stem}; rename one of the files")
-        setups[file.stem] = _setup(base, file)
+
+    def add(name: str, changes: Changes, file: Path, where: str) -> None:
+        if name in setups:
+            raise ConfigError(f"{where}: two setups are called {name}; rename one of them")
+        setups[name] = _setup(base, changes, file)
+
+    for number, entry in enumerate(listed.setups or ()):
+        key = ("setups", number)
+        where = f"{origin}:{lines[key]}: setups"
+        if isinstance(entry, str):
+            file = _beside(path, entry, where)
+            add(file.stem, Changes(*strict_yaml.read_mapping(file, "check the path")), file, where)
+        else:
+            add(*written_in_place(entry, key, lines, origin), path, where)
+    if listed.grid is not None:
+        for name, changes, where in combinations(listed.grid, lines, origin):
+            add(name, changes, path, where)
+    if not setups:
+        raise ConfigError(f"{origin}:{lines['grid',]}: grid: every combination is left out; keep one")
     return Plan(base, listed.seeds, setups)
 
 
@@ -78,10 +94,9 @@ def _beside(path: Path, name: str, where: str) -> Path:
     return file
 
 
-def _setup(base: Config, file: Path) -> Config:
-    _, lines = strict_yaml.read_mapping(file, "check the path")
-    for key, line in lines.items():
+def _setup(base: Config, changes: Changes, file: Path) -> Config:
+    for key, line in changes.lines.items():
         name = ".".join(map(str, key))
         if name in SHARED:
             raise ConfigError(f"{file}:{line}: {name}: all setups must share it; set it in the base config instead")
-    return layer_config(base, file)
+    return layer_config(base, changes.values, changes.lines, file)

@@ -1,11 +1,12 @@
-"""The ablation as bars: a panel per figure, a bar per setup, whiskers for the spread over seeds."""
+"""An ablation as bars: a panel per figure, a bar per setup, whiskers for the spread over seeds."""
 
 from __future__ import annotations
 
 import math
 from typing import BinaryIO
 
-from gesturegen.ablation.summary import FIGURES, PAPER, PAPER_CLIPS, Result
+from gesturegen.experiment.figures import Result
+from gesturegen.experiment.presets import PAPER_CLIPS
 
 # Those that a picture helps with; the rest are in the tables.
 _PANELS = (
@@ -24,7 +25,7 @@ def draw(result: Result, file: BinaryIO) -> None:
 
     figure = Figure(figsize=(15, 1.8 + 0.7 * len(result.setups)), layout="constrained")
     FigureCanvasAgg(figure)
-    headings = {measure.key: measure.heading for measure in FIGURES}
+    headings = {measure.key: measure.heading for measure in result.columns}
     for number, (axes, key) in enumerate(zip(figure.subplots(2, 5).flat, _PANELS, strict=True)):
         _panel(axes, result, key)
         axes.set_title(headings[key] + (f" of {result.n_clips}" if key == "failure" else ""), fontsize=9)
@@ -55,7 +56,7 @@ def _panel(axes, result: Result, key: str) -> None:
         error_kw={"elinewidth": 1, "capsize": 2},
     )
     for place, name in enumerate(names):
-        printed = PAPER.get(name, {}).get(key, math.nan)
+        printed = result.preset.printed.get(name, {}).get(key, math.nan)
         if math.isnan(means[place]):
             axes.text(0, place, " -", va="center", fontsize=8)
         if not math.isnan(printed):
