@@ -20,7 +20,6 @@ import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from gesturegen import evaluation, files, pipeline, remembered, submission, tables
 from gesturegen import export as formats
@@ -34,6 +33,7 @@ from gesturegen.parallel import describe_bugs
 from gesturegen.pipeline.evaluate import locate_file, read_heard, require_same_joints
 from gesturegen.settings.loading import load_config
 from gesturegen.settings.models import Config
+from gesturegen.trace import Trace
 
 Place = str | os.PathLike[str]
 
@@ -91,7 +91,7 @@ class Gesture:
 
     - `name`: of the speech
     - `motion`: in centimetres with y up, as `read_motion` gives it
-    - `trace`: what explains every frame of it (see the page on file formats)
+    - `trace`: what explains every frame of it, with the fields of its file as attributes (see the page on file formats)
     - `text`: the BVH file, byte by byte
     - `pelvis`: the name of the joint that is the pelvis
     - `notes`: what was guessed or given up, a line each
@@ -99,7 +99,7 @@ class Gesture:
 
     name: str
     motion: Motion
-    trace: dict[str, Any]
+    trace: Trace
     text: bytes = field(repr=False)
     pelvis: str
     notes: tuple[str, ...] = ()
@@ -141,7 +141,7 @@ class Gesturer:
     >>> gesture = gesturer.gesture("speech.wav", "speech.tsv")
     >>> gesture.motion.n_frames  # 8 seconds
     240
-    >>> gesture.trace["search"]
+    >>> gesture.trace.search
     'global'
     >>> gesture.save("speech.bvh")
     >>> gesture.export("speech.csv")

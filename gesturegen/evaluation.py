@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -39,7 +39,7 @@ from gesturegen.motion import kinematics, space
 from gesturegen.motion.skeleton import Motion
 from gesturegen.settings.models import Config
 from gesturegen.speech import cutting, rhythm
-from gesturegen.submission import shown_nodes
+from gesturegen.trace import Trace
 
 NAN = float("nan")
 
@@ -124,7 +124,7 @@ def measure_clip(
     config: Config,
     heard: Heard | None = None,
     truth: Joints | None = None,
-    trace: Mapping | None = None,
+    trace: Trace | None = None,
     graph: ReferenceFrames | None = None,
     reference_skate: float = NAN,
     recorded: Sequence[viewer.Recorded] = (),
@@ -171,18 +171,18 @@ def measure_clip(
     if trace is not None and graph is not None:
         row |= _measure_trace(generated, trace, graph, config)
         sides = [joints and (joints.relative, joints.curves) for joints in (generated, truth)]
-        row |= viewer.frechet_ratios(*sides, graph, recorded, config, trace["clip"])
+        row |= viewer.frechet_ratios(*sides, graph, recorded, config, trace.clip)
     return row
 
 
 def seam_evidence(
-    generated: Joints, trace: Mapping, graph: ReferenceFrames, recorded: Sequence[viewer.Recorded], n_clips: int
+    generated: Joints, trace: Trace, graph: ReferenceFrames, recorded: Sequence[viewer.Recorded], n_clips: int
 ) -> viewer.SeamEvidence:
     """Frames of a clip near its joins and far from them, as `viewer.detect_seams` takes them of all clips of a run."""
     by_name = {one.name: one for one in recorded}
     shown = [(by_name[name], mirrored) if name in by_name else None for name, mirrored in graph.clips]
     return viewer.seam_evidence(
-        generated.curves, seam_frames(trace, graph), shown_nodes(trace), graph.clip_starts, shown, n_clips
+        generated.curves, seam_frames(trace, graph), trace.shown_nodes(), graph.clip_starts, shown, n_clips
     )
 
 
@@ -248,21 +248,21 @@ def _frechet(generated: Sequence[Joints], truths: Sequence[Joints], config: Conf
     }
 
 
-def _measure_trace(generated: Joints, trace: Mapping, graph: ReferenceFrames, config: Config) -> dict[str, float]:
-    shown = shown_nodes(trace)
+def _measure_trace(generated: Joints, trace: Trace, graph: ReferenceFrames, config: Config) -> dict[str, float]:
+    shown = trace.shown_nodes()
     joins = seams.join_statistics(
-        [join["distance"] for join in trace["joins"]],
-        [join["natural"] for join in trace["joins"]],
-        n_frames=trace["n_frames"],
-        fps=trace["fps"],
+        [join.distance for join in trace.joins],
+        [join.natural for join in trace.joins],
+        n_frames=trace.n_frames,
+        fps=trace.fps,
     )
     use = usage.reference_use(shown, graph.n_nodes)
     settings, seam_places = config.evaluation, seam_frames(trace, graph)
     stay = stays.stays(
-        shown, seam_places, graph.clip_starts, fps=trace["fps"], stutter_frames=settings.stutter_frames,
+        shown, seam_places, graph.clip_starts, fps=trace.fps, stutter_frames=settings.stutter_frames,
         same_frames=settings.same_frames, again_seconds=settings.again_seconds,
     )  # fmt: skip
-    frames = np.array([node["frame"] for node in trace["key_nodes"]], dtype=int)
+    frames = np.array([node.frame for node in trace.key_nodes], dtype=int)
 
     def jerk(joints: list[int] | None) -> float:
         if joints == []:
@@ -291,10 +291,10 @@ def _measure_trace(generated: Joints, trace: Mapping, graph: ReferenceFrames, co
     }
 
 
-def _measure_wrists(generated: Joints, trace: Mapping, graph: ReferenceFrames, shown: np.ndarray) -> dict[str, float]:
+def _measure_wrists(generated: Joints, trace: Trace, graph: ReferenceFrames, shown: np.ndarray) -> dict[str, float]:
     """Speeds of the wrists, against the same frames and against the pauses of the reference."""
     paused = np.zeros(len(shown), dtype=bool)
-    for start, end in trace["pauses"]:
+    for start, end in trace.pauses:
         paused[start:end] = True
     moving, recorded = generated.relative[:, generated.wrists], graph.positions[:, generated.wrists]
     everywhere = np.ones(len(shown), dtype=bool)
@@ -323,16 +323,16 @@ def mean_foot_skate(skates: Sequence[tuple[feet.FootSkate, int]]) -> float:
     return float(np.average(speeds, weights=weights)) if sum(weights) > 0 else NAN
 
 
-def seam_frames(trace: Mapping, graph: ReferenceFrames) -> np.ndarray:
+def seam_frames(trace: Trace, graph: ReferenceFrames) -> np.ndarray:
     """Output frames `[shape=(K,)]` at which the right side of a hard join or of an unnatural edge starts."""
-    frames = [join["frame"] for join in trace["joins"] if not join["natural"]]
-    for piece in trace["pieces"]:
-        nodes = np.asarray(piece["nodes"])
+    frames = [join.frame for join in trace.joins if not join.natural]
+    for piece in trace.pieces:
+        nodes = np.asarray(piece.nodes)
         unnatural = np.flatnonzero((nodes[1:] != graph.successors[nodes[:-1]]) & (nodes[1:] != nodes[:-1])) + 1
         if len(nodes) > 1:
             # Node k stands at frame k (L - 1) / (n - 1) of the resampled piece.
-            places = unnatural * (piece["target_length"] - 1) / (len(nodes) - 1)
-            frames += (piece["start_frame"] + np.ceil(places - 1e-9).astype(int)).tolist()
+            places = unnatural * (piece.target_length - 1) / (len(nodes) - 1)
+            frames += (piece.start_frame + np.ceil(places - 1e-9).astype(int)).tolist()
     return np.unique(np.array(frames, dtype=int))
 
 
@@ -368,12 +368,12 @@ def genea_compat(
 CONTROL_HEADINGS = ("measure", "hand", "when", "asked", "mean", "deviation", "inside", "reference")
 
 
-def demands_of(trace: Mapping) -> tuple[Demand, ...]:
+def demands_of(trace: Trace) -> tuple[Demand, ...]:
     """What was demanded of the hands, as a trace tells it; nothing where it tells nothing."""
     free = {"low": -math.inf, "high": math.inf}
+    asked = [{field.name: getattr(one, field.name) for field in fields(Demand)} for one in trace.control]
     return tuple(
-        Demand(**{name: free[name] if value is None else value for name, value in row.items()})
-        for row in trace.get("control", ())
+        Demand(**{name: free[name] if value is None else value for name, value in row.items()}) for row in asked
     )
 
 

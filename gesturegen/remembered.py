@@ -53,7 +53,13 @@ def listing() -> dict[str, list[tuple[str, str]]]:
     found: dict[str, list[tuple[str, str]]] = {key: [] for key in (SETTINGS, PLANS, OTHERS)}
     for path in sorted(configs_folder().glob("*.yaml")):
         values = strict_yaml.read(path)
-        kind = PLANS if values.keys() & {"setups", "grid"} else SETTINGS if values.keys() <= Config.model_fields.keys() else OTHERS
+        kind = (
+            PLANS
+            if values.keys() & {"setups", "grid"}
+            else SETTINGS
+            if values.keys() <= Config.model_fields.keys()
+            else OTHERS
+        )
         found[kind].append((path.stem, _first_sentence(path)))
     return found
 

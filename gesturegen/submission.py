@@ -10,20 +10,23 @@ from pathlib import Path
 import numpy as np
 
 from gesturegen import __version__, files
+from gesturegen import trace as traces
 from gesturegen.control.schedule import Demand
 from gesturegen.data import keynodes
 from gesturegen.data.clips import Speech
 from gesturegen.data.keynodes import KeyNodes
 from gesturegen.errors import DamagedError, DataError
 from gesturegen.frames import ReferenceFrames
+from gesturegen.manifest import ClipRow, Manifest
 from gesturegen.methods import METHODS
 from gesturegen.motion import bvh, rotation
 from gesturegen.motion.skeleton import Motion, Skeleton
 from gesturegen.path import Path as SearchPath
-from gesturegen.path import Piece, Track, resampled_indices
+from gesturegen.path import Piece, Track
 from gesturegen.runs import runs
 from gesturegen.settings.models import Config
 from gesturegen.stored import documents
+from gesturegen.trace import Trace
 
 # A torn frame turns a joint by a right angle or more; recorded gestures and blends stay well below, unless the recording
 # itself has such a frame: then a joint may turn a little faster than there, as a blend adds to it.
@@ -34,54 +37,103 @@ STILL_DEGREES, STILL_DISTANCE = 1e-3, 1e-5
 STILL_SECONDS = 1.0
 # Of a stretch without motion, what may fall into speech; nobody who speaks stands like a statue for longer.
 STILL_WHILE_SPEAKING_SECONDS = 2.0
-# Before the name of a gesture of a library (`control.gestures`) among the references of a trace.
-GESTURE_PREFIX = "gesture:"
 
 
 def make_trace(
     path: SearchPath, graph: ReferenceFrames, graph_name: str, speech: Speech, key_nodes: KeyNodes, config: Config,
-    variant: int = 1,
-) -> dict:  # fmt: skip
-    """Everything needed to explain a clip's frames (docs/files.md)."""
+    variant: int = 1, inputs: str = "",
+) -> Trace:  # fmt: skip
+    """Everything needed to explain a clip's frames, as it is before the clip is written.
+
+    inputs : a hash of all that the path was made of
+    """
     pieces = path.tracks[0].pieces
     stuck = path.failure
-    return {
-        "clip": speech.name,
-        "method": config.method,
-        "search": config.search_name,
-        "seed": config.seed,
-        "variant": variant,
-        "graph": graph_name,
-        "references": [
-            {"clip": name, "start_node": int(start), "mirrored": mirrored}
+    return Trace(
+        clip=speech.name,
+        method=config.method,
+        search=config.search_name,
+        seed=config.seed,
+        variant=variant,
+        graph=graph_name,
+        references=[
+            traces.Origin(clip=name, start_node=int(start), mirrored=mirrored)
             for (name, mirrored), start in zip(graph.clips, graph.clip_starts, strict=True)
         ],
-        "fps": graph.fps,
-        "n_frames": speech.n_frames,
-        "version": __version__,
-        "config_hash": config.signature(),
-        "key_nodes": [
-            {"frame": int(frame), "kind": str(kind), "keyword": str(keyword)}
+        fps=graph.fps,
+        n_frames=speech.n_frames,
+        version=__version__,
+        config_hash=config.signature(),
+        key_nodes=[
+            traces.KeyNode(frame=int(frame), kind=str(kind), keyword=str(keyword))
             for frame, kind, keyword in zip(key_nodes.frames, key_nodes.kinds, key_nodes.keywords, strict=True)
         ],
-        "pieces": [_describe_piece(piece) for piece in pieces],
-        "joins": _describe_joins(pieces, graph, config),
-        "pauses": runs(~keynodes.speaking(speech, config.pauses)).tolist(),
-        "objective": path.objective,
-        "failure": stuck
-        and {
-            "start_frame": stuck.start_frame,
-            "end_frame": stuck.end_frame,
-            "end_kind": stuck.end_kind,
-            "keyword": stuck.keyword,
-        },
-        "control": [describe_demand(demand) for demand in path.demands],
-        "tracks": [_describe_track(track, graph, config) for track in path.tracks[1:]],
-        "notes": list(path.notes),
-    }
+        pieces=[_trace_piece(piece) for piece in pieces],
+        joins=_trace_joins(pieces, graph, config),
+        pauses=runs(~keynodes.speaking(speech, config.pauses)).tolist(),
+        objective=path.objective,
+        failure=stuck
+        and traces.Failure(
+            start_frame=stuck.start_frame,
+            end_frame=stuck.end_frame,
+            end_kind=stuck.end_kind,
+            keyword=stuck.keyword,
+        ),
+        control=[_trace_demand(demand) for demand in path.demands],
+        tracks=[_trace_track(track, graph, config) for track in path.tracks[1:]],
+        notes=path.notes,
+        inputs=inputs,
+        bvh_sha256=None,
+    )
 
 
-def write_clip(folder: Path, name: str, motion: Motion | None, trace: Mapping) -> dict[str, str]:
+def _trace_demand(demand: Demand) -> traces.Demand:
+    free = (-math.inf, math.inf)
+    return traces.Demand(**{name: None if value in free else value for name, value in vars(demand).items()})
+
+
+def _trace_track(track: Track, graph: ReferenceFrames, config: Config) -> traces.Track:
+    """A further track, which moves joints of its own."""
+    return traces.Track(
+        joints=track.joints,
+        pieces=[_trace_piece(piece) for piece in track.pieces],
+        joins=_trace_joins(track.pieces, graph, config),
+    )
+
+
+def _trace_piece(piece: Piece) -> traces.Piece:
+    return traces.Piece(
+        start_frame=piece.target.start_frame,
+        end_frame=piece.target.end_frame,
+        target_length=piece.target.length,
+        end_kind=piece.target.end_kind,
+        keyword=piece.target.keyword,
+        nodes=piece.nodes.tolist(),
+        cost=piece.cost,
+        retries=piece.retries,
+        fallback=piece.fallback,
+        costs=piece.costs,
+    )
+
+
+def _trace_joins(pieces: Sequence[Piece], graph: ReferenceFrames, config: Config) -> list[traces.Join]:
+    """A join's distance is from the left side's natural successor to the right side's first node."""
+    lefts = np.array([piece.nodes[-1] for piece in pieces[:-1]], dtype=int)
+    rights = np.array([piece.nodes[0] for piece in pieces[1:]], dtype=int)
+    distances = graph.distances(graph.successors[lefts], rights, config.continuity)
+    return [
+        traces.Join(
+            frame=piece.target.start_frame,
+            from_node=int(left),
+            to_node=int(right),
+            distance=float(distance),
+            natural=bool(right == graph.successors[left]),
+        )
+        for piece, left, right, distance in zip(pieces[1:], lefts, rights, distances, strict=True)
+    ]
+
+
+def write_clip(folder: Path, name: str, motion: Motion | None, trace: Trace) -> dict[str, str]:
     """Write a clip's BVH (none for a clip that got stuck) and then its trace, which knows the BVH's hash.
 
     Returns the hashes of the files by name, for the manifest: of what was written, whatever is there later.
@@ -91,14 +143,14 @@ def write_clip(folder: Path, name: str, motion: Motion | None, trace: Mapping) -
         remove_clip(folder, name)
     else:
         digest = written[f"{name}.bvh"] = bvh.write(folder / f"{name}.bvh", motion)
-    text = format_trace({**trace, "bvh_sha256": digest})
-    written[f"{name}.trace.json"] = documents.write_text(folder / f"{name}.trace.json", text)
+    told = trace.model_copy(update={"bvh_sha256": digest})
+    written[f"{name}.trace.json"] = documents.write(folder / f"{name}.trace.json", told)
     return written
 
 
-def kept_clip(folder: Path, name: str, trace: Mapping) -> dict[str, str]:
+def kept_clip(folder: Path, name: str, trace: Trace) -> dict[str, str]:
     """The hashes of the files of a clip that an earlier run wrote, as `write_clip` returned them then."""
-    digest, path = trace["bvh_sha256"], folder / f"{name}.trace.json"
+    digest, path = trace.bvh_sha256, folder / f"{name}.trace.json"
     return ({f"{name}.bvh": digest} if digest else {}) | {path.name: files.sha256(path)}
 
 
@@ -108,183 +160,91 @@ def remove_clip(folder: Path, name: str) -> None:
         (folder / f"{name}{suffix}").unlink(missing_ok=True)
 
 
-def read_trace_if_current(folder: Path, name: str, inputs: str) -> dict | None:
+def read_trace_if_current(folder: Path, name: str, inputs: str) -> Trace | None:
     """The trace of a written clip when it was made of `inputs`; else None.
 
     DamagedError when it or its BVH is not as it was written.
     """
     path = folder / f"{name}.trace.json"
     try:
-        trace = read_trace(path) if path.is_file() else None
-        if trace is None or trace["inputs"] != inputs:
+        found = read_trace(path) if path.is_file() else None
+        if found is None or found.inputs != inputs:
             return None
-        require_unchanged(folder / f"{name}.bvh", trace)
-        return trace
+        require_unchanged(folder / f"{name}.bvh", found)
+        return found
     except DamagedError:
         raise
     except DataError:
         return None
 
 
-def read_trace(path: Path) -> dict:
+def read_trace(path: Path) -> Trace:
     """A stored trace; DataError when it cannot be read, DamagedError when it is not as it was written."""
-    trace = documents.read(path, documents.Trace, "reenact")
-    if trace["method"] not in METHODS:
+    found = documents.read(path, Trace, "reenact")
+    if found.method not in METHODS:
         raise DamagedError(
-            f"{path}: made by method {trace['method']!r}, which this version of gesturegen does not have; "
+            f"{path}: made by method {found.method!r}, which this version of gesturegen does not have; "
             "run `gesturegen reenact` again"
         )
-    return trace
+    return found
 
 
-def require_unchanged(path: Path, trace: Mapping) -> None:
+def require_unchanged(path: Path, trace: Trace) -> None:
     """DamagedError for a BVH file that is not the one its trace was written with."""
     digest = files.sha256(path) if path.is_file() else None
-    if digest != trace["bvh_sha256"]:
+    if digest != trace.bvh_sha256:
         change = "missing" if digest is None else "not as it was written beside its trace"
         raise DamagedError(f"{path}: {change}; run `gesturegen reenact` again")
 
 
-def require_nodes(trace: Mapping, n_nodes: int) -> None:
-    """DataError for a trace that walks over nodes that its library lacks."""
-    tracks = (trace, *trace["tracks"])
-    last = max((node for track in tracks for piece in track["pieces"] for node in piece["nodes"]), default=-1)
-    joined = (node for track in tracks for join in track["joins"] for node in (join["from_node"], join["to_node"]))
-    if max(last, *joined, -1) >= n_nodes:
-        raise DataError(
-            f"clip {trace['clip']}: its trace is of another graph than {trace['graph']}; run `gesturegen reenact` again"
-        )
+def manifest(results: Iterable[ClipRow], config: Config, variant: int = 1) -> Manifest:
+    """What was run, on what, with which figures and file hashes; the same for the same inputs.
 
-
-def describe_demand(demand: Demand) -> dict:
-    """As JSON can hold it: None for a bound that was not asked for."""
-    return {name: None if value in (-math.inf, math.inf) else value for name, value in vars(demand).items()}
-
-
-def _describe_track(track: Track, graph: ReferenceFrames, config: Config) -> dict:
-    """A further track, which moves joints of its own."""
-    return {
-        "joints": list(track.joints),
-        "pieces": [_describe_piece(piece) for piece in track.pieces],
-        "joins": _describe_joins(track.pieces, graph, config),
-    }
-
-
-def _describe_piece(piece: Piece) -> dict:
-    return {
-        "start_frame": piece.target.start_frame,
-        "end_frame": piece.target.end_frame,
-        "target_length": piece.target.length,
-        "end_kind": piece.target.end_kind,
-        "keyword": piece.target.keyword,
-        "nodes": piece.nodes.tolist(),
-        "cost": piece.cost,
-        "retries": piece.retries,
-        "fallback": piece.fallback,
-        "costs": piece.costs,
-    }
-
-
-def _describe_joins(pieces: Sequence[Piece], graph: ReferenceFrames, config: Config) -> list[dict]:
-    """A join's distance is from the left side's natural successor to the right side's first node."""
-    lefts = np.array([piece.nodes[-1] for piece in pieces[:-1]], dtype=int)
-    rights = np.array([piece.nodes[0] for piece in pieces[1:]], dtype=int)
-    distances = graph.distances(graph.successors[lefts], rights, config.continuity)
-    return [
-        {
-            "frame": piece.target.start_frame,
-            "from_node": int(left),
-            "to_node": int(right),
-            "distance": float(distance),
-            "natural": bool(right == graph.successors[left]),
-        }
-        for piece, left, right, distance in zip(pieces[1:], lefts, rights, distances, strict=True)
-    ]
-
-
-def format_trace(trace: Mapping) -> str:
-    """JSON with one line for each piece, join and key node, so that a person can read it too."""
-    lines = []
-    for key, value in trace.items():
-        if isinstance(value, list) and value:
-            rows = ",\n  ".join(json.dumps(row, ensure_ascii=False) for row in value)
-            lines.append(f" {json.dumps(key)}: [\n  {rows}\n ]")
-        else:
-            lines.append(f" {json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}")
-    return "{\n" + ",\n".join(lines) + "\n}\n"
-
-
-def shown_nodes(trace: Mapping) -> np.ndarray:
-    """The graph node nearest to what each output frame shows `[shape=(n_frames,)]`."""
-    return np.concatenate(
-        [
-            np.array(piece["nodes"])[
-                np.round(resampled_indices(len(piece["nodes"]), piece["target_length"])).astype(int)
-            ]
-            for piece in trace["pieces"]
-        ]
+    results : one row per test clip, of `clip_row` or of `failed_row`
+    """
+    rows = sorted(results, key=lambda row: row.clip)
+    return Manifest(
+        gesturegen=__version__,
+        method=config.method,
+        search=config.search_name,
+        seed=config.seed,
+        variant=variant,
+        config_hash=config.signature(),
+        n_clips=len(rows),
+        n_failed=sum(row.error is not None for row in rows),
+        clips=rows,
+        config=json.loads(config.model_dump_json(by_alias=True, exclude={"paths"})),
     )
 
 
-def shown_clips(trace: Mapping) -> list[str]:
-    """The reference clips of which anything is shown, in any track; gestures of a library are none."""
-    starts = [reference["start_node"] for reference in trace["references"]]
-    pieces = [piece for track in (trace, *trace.get("tracks", [])) for piece in track["pieces"]]
-    nodes = np.concatenate([piece["nodes"] for piece in pieces]) if pieces else np.empty(0)
-    shown = np.unique(np.searchsorted(starts, nodes, side="right") - 1)
-    names = {trace["references"][clip]["clip"] for clip in shown}
-    return sorted(name for name in names if not name.startswith(GESTURE_PREFIX))
+def clip_row(trace: Trace, written: Mapping[str, str]) -> ClipRow:
+    """The figures of one clip for the manifest and the summary; written : the hashes that `write_clip` returned."""
+    stuck = trace.failure
+    return ClipRow(
+        clip=trace.clip,
+        references=[reference.clip for reference in trace.references],
+        graph=trace.graph,
+        n_frames=trace.n_frames,
+        pieces=len(trace.pieces),
+        hard_joins=trace.n_hard_joins,
+        retries=trace.n_retries,
+        fallbacks=trace.fallbacks,
+        stuck=stuck is not None,
+        error=stuck and describe_failure(stuck, trace.fps),
+        files=dict(written),
+    )
 
 
-def manifest(results: Iterable[Mapping], config: Config, variant: int = 1) -> dict:
-    """What was run, on what, with which figures and file hashes; the same for the same inputs.
-
-    results : one row per test clip, of `clip_row` with the `files` that `write_clip` returned, or with an error in
-    place of figures
-    """
-    rows = [{"files": {}, **row} for row in sorted(results, key=lambda row: row["clip"])]
-    rows = [{**{key: value for key, value in row.items() if key != "files"}, "files": row["files"]} for row in rows]
-    settings = json.loads(config.model_dump_json(by_alias=True, exclude={"paths"}))
-    return {
-        "gesturegen": __version__,
-        "method": config.method,
-        "search": config.search_name,
-        "seed": config.seed,
-        "variant": variant,
-        "config_hash": config.signature(),
-        "n_clips": len(rows),
-        "n_failed": sum(row.get("error") is not None for row in rows),
-        "clips": rows,
-        "config": settings,
-    }
+def failed_row(name: str, references: Iterable[str], error: str) -> ClipRow:
+    """What the manifest tells of a clip that could not be made."""
+    return ClipRow(clip=name, references=references, stuck=False, error=error, files={})
 
 
-def clip_row(trace: Mapping) -> dict:
-    """The figures of one clip for the manifest and the summary."""
-    fallbacks: dict[str, int] = {}
-    for piece in trace["pieces"]:
-        if piece["fallback"]:
-            fallbacks[piece["fallback"]] = fallbacks.get(piece["fallback"], 0) + 1
-    stuck = trace["failure"]
-    return {
-        "clip": trace["clip"],
-        "references": [reference["clip"] for reference in trace["references"]],
-        "graph": trace["graph"],
-        "n_frames": trace["n_frames"],
-        "pieces": len(trace["pieces"]),
-        "hard_joins": sum(not join["natural"] for join in trace["joins"]),
-        "retries": sum(piece["retries"] for piece in trace["pieces"]),
-        "fallbacks": dict(sorted(fallbacks.items())),
-        "stuck": stuck is not None,
-        "error": stuck and describe_failure(stuck, trace["fps"]),
-    }
-
-
-def describe_failure(stuck: Mapping, fps: float) -> str:
-    what = f"keyword {stuck['keyword']!r}" if stuck["keyword"] else f"{stuck['end_kind']} node"
-    seconds = stuck["start_frame"] / fps, stuck["end_frame"] / fps
+def describe_failure(stuck: traces.Failure, fps: float) -> str:
+    """Why a search got stuck and what helps, in one line."""
+    what = f"keyword {stuck.keyword!r}" if stuck.keyword else f"{stuck.end_kind} node"
     return (
-        f"no path for the piece from {seconds[0]:.2f} to {seconds[1]:.2f} s that ends at a {what}; "
+        f"no path for the piece from {stuck.start_frame / fps:.2f} to {stuck.end_frame / fps:.2f} s that ends at a {what}; "
         "set termination.fallbacks=true or give longer references"
     )
 

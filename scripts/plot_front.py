@@ -24,6 +24,7 @@ from gesturegen.metrics import alignment
 from gesturegen.pipeline import build_graphs, evaluate, preprocess, reenact
 from gesturegen.pipeline.common import read_index
 from gesturegen.settings.loading import load_config
+from gesturegen.submission import read_trace
 
 matplotlib.use("Agg")
 from matplotlib import pyplot
@@ -70,8 +71,8 @@ def figures(rows: list[dict]) -> dict[str, float]:
 def statue_ratio(config, name: str) -> float:
     """Compute the Fréchet distance of a motionless body to the truth, over that of random stretches."""
     measures = import_module("gesturegen.pipeline.evaluate")
-    trace = files.read_json(Path(config.paths.work, "reenact", f"{name}.trace.json"))
-    truth = measures.locate_file(Path(read_index(config)["tests"][name]["truth"]), config).curves
+    trace = read_trace(Path(config.paths.work, "reenact", f"{name}.trace.json"))
+    truth = measures.locate_file(Path(read_index(config).tests[name].truth), config).curves
     return viewer.velocity_ratio(truth.held(truth.n_frames), truth, measures.recordings(config, trace), config, name)
 
 

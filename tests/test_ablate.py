@@ -254,12 +254,12 @@ def test_the_objective_is_the_global_searchs_for_every_setup(recorded, prepared,
     for clip in ("tst_a", "tst_b"):
         trace = json.loads((prepared / f"ablation/global/0/{clip}.trace.json").read_text())
         assert rows["global", clip]["objective"] == pytest.approx(trace["objective"]["final"]["total"])
-        trace = json.loads((prepared / f"ablation/beam/0/{clip}.trace.json").read_text())
-        graph = libraries.read(prepared / f"ablation/beam/graphs/{trace['graph']}.npz")
+        trace = submission.read_trace(prepared / f"ablation/beam/0/{clip}.trace.json")
+        graph = libraries.read(prepared / f"ablation/beam/graphs/{trace.graph}.npz")
         speech = clips.load(prepared / f"clips/{clip}.npz", base, with_motion=False).test_speech(base)
         prices = global_search.price_list(graph, speech, base)
         # What each output frame shows, for pieces of the beam are stretched to their targets.
-        total = naive.Objective(prices).cost(submission.shown_nodes(trace).tolist())["total"]
+        total = naive.Objective(prices).cost(trace.shown_nodes().tolist())["total"]
         assert rows["beam", clip]["objective"] == pytest.approx(total)
         assert rows["other_prices", clip]["objective"] == pytest.approx(total)
         assert rows["global", clip]["objective"] < total

@@ -40,7 +40,7 @@ def test_the_same_bytes_as_the_command_line(data, tmp_path):
         gesture = gesturer.gesture(*recording(data, "tst", name, "wav", "tsv"))
         gesture.save(tmp_path / "one.bvh")
         assert (tmp_path / "one.bvh").read_bytes() == (tmp_path / f"work/reenact/{name}.bvh").read_bytes()
-        assert gesture.trace["clip"] == name and gesture.motion.n_frames == gesture.trace["n_frames"] == 60
+        assert gesture.trace.clip == name and gesture.motion.n_frames == gesture.trace.n_frames == 60
         gesture.export(tmp_path / "one.csv")
         assert len((tmp_path / "one.csv").read_text().splitlines()) == 61
         again = gg.read_motion(tmp_path / "one.bvh")

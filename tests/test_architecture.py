@@ -23,6 +23,7 @@ ROOMS = [
     {"_pose_kernels"},
     {"pose_distance"},
     {"frames", "path"},
+    {"trace", "manifest"},
     {"control"},
     {"methods"},
     {"render"},

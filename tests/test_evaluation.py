@@ -82,7 +82,7 @@ def traced(moved, pieces, onsets=(10,)):
 
 def test_use_of_the_reference_is_read_off_the_trace(moved):
     graph, trace = traced(moved, [(0, 10, range(10, 20)), (10, 30, range(20, 40)), (30, 40, range(10, 20))])
-    joints = evaluation.locate(moved.take(submission.shown_nodes(trace)), CONFIG)
+    joints = evaluation.locate(moved.take(trace.shown_nodes()), CONFIG)
     row = evaluation.measure_clip(joints, CONFIG, trace=trace, graph=graph)
     assert row["reference_share"] == pytest.approx(30 / 120)
     assert row["max_uses"] == 2 and row["held_share"] == 0
@@ -155,7 +155,7 @@ def measured(shown, graph, trace, config=WRISTS, **given):
 def played(moved, pieces, onsets=(10,)):
     """Measures of the frames of `moved` that the pieces show, as they are."""
     graph, trace = traced(moved, pieces, onsets)
-    return measured(moved.take(submission.shown_nodes(trace)), graph, trace)
+    return measured(moved.take(trace.shown_nodes()), graph, trace)
 
 
 def test_foot_skate_of_several_motions_is_weighted_by_their_contact():
@@ -243,7 +243,7 @@ def test_without_wrists_there_are_no_speeds(walked):
     nobody = tiny.config(wrists={"enabled": False, "joints": ("left_hand",)})
     pieces = [(0, 10, range(10)), (10, 40, range(50, 80))]
     graph, trace = traced(walked, pieces)
-    row = measured(walked.take(submission.shown_nodes(trace)), graph, trace, nobody)
+    row = measured(walked.take(trace.shown_nodes()), graph, trace, nobody)
     wrists = ("wrist_speed_ratio", "pause_speed", "pause_speed_ratio", "seam_jerk_wrists")
     assert np.isnan([row[key] for key in wrists]).all()
     # What is shown in pauses is known without any joint.

@@ -22,6 +22,7 @@ from gesturegen.methods.motion_graph import graph as motion_graph
 from gesturegen.pipeline import inspect
 from gesturegen.settings.loading import load_config
 from gesturegen.stored import arrays
+from gesturegen.trace import Failure
 from tests import tiny
 from tests.methods.gesture_master import gesture_builders as builders
 
@@ -42,7 +43,7 @@ def work(tmp_path, graph) -> Path:
     speech = tiny.speech(10, [4, 8], name="talk")
     trace = submission.make_trace(path, graph, "clip", speech, of_speech(speech, {}), load_config())
     (tmp_path / "reenact").mkdir()
-    submission.write_clip(tmp_path / "reenact", "talk", None, {**trace, "inputs": ""})
+    submission.write_clip(tmp_path / "reenact", "talk", None, trace)
     return tmp_path
 
 
@@ -110,8 +111,9 @@ def test_a_trace_without_its_graph_still_says_where_its_frames_are_from(work):
 
 
 def test_a_search_that_got_stuck_is_told(work):
-    trace = json.loads((work / "reenact/talk.trace.json").read_text())
-    trace["failure"] = {"start_frame": 8, "end_frame": 10, "end_kind": "keyword", "keyword": "greeting"}
+    trace = submission.read_trace(work / "reenact/talk.trace.json")
+    failure = Failure(start_frame=8, end_frame=10, end_kind="keyword", keyword="greeting")
+    trace = trace.model_copy(update={"failure": failure})
     lines = traces.trace_lines(traces.describe_trace(trace))
     assert "stuck: no path for frames 8 to 10, which end at keyword greeting" in lines
 
@@ -199,7 +201,7 @@ def stored(tmp_path, database) -> Path:
     path = MASTER.search(database, speech, GESTURES, np.random.default_rng(0))
     trace = submission.make_trace(path, database, "both", speech, of_speech(speech, {}), GESTURES)
     (tmp_path / "reenact").mkdir()
-    submission.write_clip(tmp_path / "reenact", "talk", None, {**trace, "inputs": ""})
+    submission.write_clip(tmp_path / "reenact", "talk", None, trace)
     return tmp_path
 
 

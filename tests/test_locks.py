@@ -148,8 +148,8 @@ def test_an_index_finds_its_recordings_when_folders_move(tmp_path):
 
     def found(data, work):
         config = load_config(None, ("data.truth_split=truth",), {"paths.data": str(data), "paths.work": str(work)})
-        (row,) = read_index(config)["tests"].values()
-        return row["audio"], row["truth"]
+        (row,) = read_index(config).tests.values()
+        return row.audio, row.truth
 
     before = found("nowhere", work)
     assert all(os.path.isfile(path) for path in before) and all(str(data) in path for path in before)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gesturegen.data.index import FORMAT_VERSION, Index, IndexedClip, IndexedTest
 from gesturegen.errors import DataError
 from gesturegen.methods import libraries
 from gesturegen.methods.motion_graph import global_search
@@ -27,12 +28,16 @@ def settings(*overrides):
     return load_config(None, overrides)
 
 
-def index_of(references: dict[str, float], tests: dict[str, float]) -> dict:
-    """As `preprocess` writes it, with clips that last so many seconds."""
-    return {
-        kind: {name: {"speaker": None, "seconds": seconds} for name, seconds in clips.items()}
-        for kind, clips in (("references", references), ("tests", tests))
-    }
+def index_of(references: dict[str, float], tests: dict[str, float]) -> Index:
+    """As `preprocess` makes it, with clips that last so many seconds."""
+    return Index(
+        format_version=FORMAT_VERSION,
+        settings="{}",
+        references={name: IndexedClip(speaker=None, seconds=seconds) for name, seconds in references.items()},
+        tests={name: IndexedTest(speaker=None, seconds=seconds, truth=None) for name, seconds in tests.items()},
+        training_seconds=sum(references.values()),
+        failed={},
+    )
 
 
 def test_workers_by_hand():
@@ -64,7 +69,7 @@ def test_more_frames_a_longer_speech_and_the_global_search_need_more():
 def test_fewer_workers_where_fewer_fit():
     config = settings("references.mode=all")
     index = index_of({"a": 3000.0, "b": 600.0}, {f"t{k}": 60.0 for k in range(8)})
-    chosen = dict.fromkeys(index["tests"], ("a", "b"))
+    chosen = dict.fromkeys(index.tests, ("a", "b"))
     need = estimate(108_000, 1800, config)
     assert require_memory(config, chosen, index, 6, available=6 * need) == (6, [])
     jobs, ((what, warning),) = require_memory(config, chosen, index, 6, available=2.5 * need)
@@ -119,7 +124,7 @@ def test_the_estimate_covers_the_tables_of_the_global_search():
     graph = motion_graph.build([tiny.random_reference(rng, 2000)], config)
 
     def taken(n_frames: int) -> int:
-        global_search.joins_of.cache_clear()
+        graph.prepared.clear()
         tracemalloc.start()
         global_search.search(graph, tiny.speech(n_frames, onsets=range(10, n_frames, 11)), config)
         _, peak = tracemalloc.get_traced_memory()

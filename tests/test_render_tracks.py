@@ -38,8 +38,8 @@ def frames_of(references, config) -> ReferenceFrames:
 def pieces_of(*pieces):
     """Pieces from runs of nodes, (first, stop, length); without a length they take as long as they did."""
     built, frame = [], 0
-    for first, stop, *given in pieces:
-        length = given[0] if given else stop - first
+    for first, stop, *own in pieces:
+        length = own[0] if own else stop - first
         built.append(Piece(Target(frame, frame + length, "clip"), np.arange(first, stop), 0.0))
         frame += length
     return tuple(built)

@@ -1,6 +1,5 @@
-"""Traces, the manifest and the check of what was written."""
+"""The check of what was written."""
 
-import json
 import re
 
 import numpy as np
@@ -10,23 +9,7 @@ from gesturegen import submission
 from gesturegen.motion import bvh, rotation
 from gesturegen.motion.cleanup import interpolate
 from gesturegen.motion.skeleton import Motion
-from gesturegen.path import Piece, Target
 from tests.builders import chain, random_motion
-
-
-def test_the_trace_reads_back_and_has_one_line_per_row():
-    trace = {"clip": "a", "pieces": [{"nodes": [1, 2]}, {"nodes": [3]}], "joins": [], "failure": None}
-    text = submission.format_trace(trace)
-    assert json.loads(text) == trace
-    assert [line.strip() for line in text.splitlines()][3:5] == ['{"nodes": [1, 2]},', '{"nodes": [3]}']
-
-
-@pytest.mark.parametrize(("nodes", "length"), [([4, 5, 6], 3), ([4], 3), ([4, 5, 6, 7], 2), ([1, 9], 5)])
-def test_shown_nodes_are_evenly_resampled(nodes, length):
-    piece = submission._describe_piece(Piece(Target(0, length, "onset"), np.array(nodes), 0.0))
-    shown = submission.shown_nodes({"pieces": [piece]})
-    places = [round(k * (len(nodes) - 1) / max(length - 1, 1)) for k in range(length)]
-    assert shown.tolist() == [nodes[place] for place in places]
 
 
 def smooth(skeleton, frames, fps=30.0):

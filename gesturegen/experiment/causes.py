@@ -6,14 +6,13 @@ lies within `REACH` frames of one is *at a seam*: a cross-fade reaches that far 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from gesturegen import evaluation
 from gesturegen.frames import ReferenceFrames
 from gesturegen.metrics import beats, diversity
 from gesturegen.settings.models import Config
+from gesturegen.trace import Trace
 
 REACH = 8
 # Evenly spread shifts of the onsets around the clip: beat consistency without any relation to the speech.
@@ -25,17 +24,17 @@ KEYS = (
 
 
 def measure(
-    generated: evaluation.Joints, truth: evaluation.Joints | None, trace: Mapping, graph: ReferenceFrames,
+    generated: evaluation.Joints, truth: evaluation.Joints | None, trace: Trace, graph: ReferenceFrames,
     onset_times: np.ndarray, config: Config,
 ) -> dict[str, float]:  # fmt: skip
     """Measure the figures of `KEYS` for one clip; NaN where the clip has no evidence for one."""
     seams = evaluation.seam_frames(trace, graph)
-    seconds = trace["n_frames"] / trace["fps"]
+    seconds = trace.seconds
     settings = config.evaluation
     angles, speeds = diversity.turning_angles(generated.world)
     fast = (speeds[:-1] >= settings.div_speed_floor) & (speeds[1:] >= settings.div_speed_floor)
     turns = fast & (angles > np.radians(settings.div_min_angle))
-    seam = near(seams, trace["n_frames"])
+    seam = near(seams, trace.n_frames)
     row = dict.fromkeys(KEYS, float("nan")) | {
         "seams_per_minute": 60.0 * len(seams) / seconds,
         # Row k of the angles is the turn at frame k + 1, of the speeds the way to it.

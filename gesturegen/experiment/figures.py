@@ -14,6 +14,7 @@ from gesturegen.frames import ReferenceFrames
 from gesturegen.metrics.measures import Measure
 from gesturegen.metrics.usage import training_utilisation
 from gesturegen.settings.models import Config
+from gesturegen.trace import Trace
 
 NAN = float("nan")
 # Measures of all motions of a run together, beside the Fréchet distances of windows, which go with them.
@@ -54,7 +55,7 @@ class Result:
     beside: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
-def clip_row(trace: Mapping, graph: ReferenceFrames, measured: Mapping[str, float]) -> dict:
+def clip_row(trace: Trace, graph: ReferenceFrames, measured: Mapping[str, float]) -> dict:
     """Gather what is known of one clip of a run.
 
     measured : its figures, `evaluation.failed_row` for a stuck clip
@@ -64,24 +65,24 @@ def clip_row(trace: Mapping, graph: ReferenceFrames, measured: Mapping[str, floa
     """
     graph_keywords = set(graph.key_nodes.keywords.tolist())
     row = {
-        "graph": trace["graph"],
-        "stuck_at": trace["failure"],
+        "graph": trace.graph,
+        "stuck_at": trace.failure and trace.failure.model_dump(),
         "unnatural_edges": graph.n_unnatural_edges,
-        "seconds": trace["n_frames"] / trace["fps"],
+        "seconds": trace.seconds,
         "reference_seconds": graph.n_nodes / graph.fps,
         # A key node at frame 0 ends no piece.
         "lacking_keywords": sorted(
-            {node["keyword"] for node in trace["key_nodes"] if 0 < node["frame"] < trace["n_frames"]}
+            {node.keyword for node in trace.key_nodes if 0 < node.frame < trace.n_frames}
             - graph_keywords - {""}
         ),
     }  # fmt: skip
     if measured["failure"]:
         return row | dict(measured) | dict.fromkeys(_COUNTS, NAN)
-    kinds = [f"fallback_{piece['fallback']}" for piece in trace["pieces"]]
+    kinds = [f"fallback_{piece.fallback}" for piece in trace.pieces]
     return row | dict(measured) | {
-        "pieces": len(trace["pieces"]),
-        "natural_joins": sum(join["natural"] for join in trace["joins"]),
-        "retries": sum(piece["retries"] for piece in trace["pieces"]),
+        "pieces": len(trace.pieces),
+        "natural_joins": sum(join.natural for join in trace.joins),
+        "retries": trace.n_retries,
         **{kind: kinds.count(kind) for kind in _FALLBACKS},
     }  # fmt: skip
 

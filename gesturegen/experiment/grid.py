@@ -90,9 +90,10 @@ def _points(axis: str, values: Any, lines: Mapping[tuple, int], origin: str) -> 
             continue
         inner = _below((*key, place), lines)
         own = {path[:n]: lines[(*key, place)] for n in range(1, len(path) + 1)}
+        changes = value
         for part in reversed(path):
-            value = {part: value}
-        yield label, Changes(value, own | {(*path, *below): line for below, line in inner.items()})
+            changes = {part: changes}
+        yield label, Changes(changes, own | {(*path, *below): line for below, line in inner.items()})
 
 
 def _section(values: Any, key: tuple, lines: Mapping[tuple, int], where: str) -> Changes:

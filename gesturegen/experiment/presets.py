@@ -106,7 +106,7 @@ ABLATE = Preset(
     note="mean ± standard deviation over seeds; counts are per seed, over all clips; a setup with failures is measured on "
     "the clips that have an output. The objective is the global search's, by the base config's prices for every setup. "
     "paper: Table 2 as printed, on 70 clips of GENEA 2023; its BC fits neither of ours.",
-    columns=lambda base: ABLATION_COLUMNS,
+    columns=lambda _base: ABLATION_COLUMNS,
     printed=PAPER,
     plot=True,
     lengths=True,

@@ -124,12 +124,24 @@ def recognise(skeleton: Skeleton, overrides: Sequence[tuple[str, str | tuple[str
     overrides : (role, joint name), which win, with several names for `spine`, `left_fingers` and `right_fingers`; names
         that the skeleton does not have say nothing
     """
-    return _recognise(skeleton, tuple(overrides))
+    made_of = skeleton.parents, skeleton.offsets, skeleton.end_sites
+    hierarchy = _Hierarchy(skeleton.names, tuple(array.tobytes() for array in made_of), skeleton)
+    return _recognise(hierarchy, tuple(overrides))
+
+
+@dataclass(frozen=True)
+class _Hierarchy:
+    """A skeleton that equals another one when all is equal that tells roles: every file that is read has its own."""
+
+    names: tuple[str, ...]
+    arrays: tuple[bytes, ...]
+    skeleton: Skeleton = field(compare=False)
 
 
 @lru_cache(maxsize=64)
-def _recognise(skeleton: Skeleton, overrides: tuple[tuple[str, str | tuple[str, ...]], ...]) -> Roles:
-    """Recognise the roles of a skeleton's joints, once for each skeleton and overrides."""
+def _recognise(hierarchy: _Hierarchy, overrides: tuple[tuple[str, str | tuple[str, ...]], ...]) -> Roles:
+    """Recognise the roles of a skeleton's joints, once for each hierarchy and overrides."""
+    skeleton = hierarchy.skeleton
     tree = _Tree(skeleton)
     found = _by_names(tree)
     by_shape: set[str] = set()

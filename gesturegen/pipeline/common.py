@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from gesturegen.data import clips, recordings
+from gesturegen.data import index as clip_index
+from gesturegen.data.index import Index, IndexedTest
 from gesturegen.errors import ConfigError, DamagedError, DataError, GesturegenError
 from gesturegen.files import require_writable  # noqa: F401 - for the commands
+from gesturegen.manifest import Manifest
 from gesturegen.methods import METHODS
 from gesturegen.motion import space
 from gesturegen.outcome import Outcome
 from gesturegen.settings.models import Config
 from gesturegen.stored import documents
 from gesturegen.workspace import work_path
-
-INDEX_VERSION = 2
 
 
 @dataclass
@@ -48,17 +49,19 @@ def by_kind(notes: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
     return [note for place, note in told.items() if place not in left_out]
 
 
-def read_index(config: Config) -> dict:
-    """What `preprocess` left for later commands; DataError when it is missing or of other settings."""
+def read_index(config: Config) -> Index:
+    """What `preprocess` left for later commands, with places that can be opened.
+
+    Raises DataError when it is missing or of other settings.
+    """
     path = work_path(config, "clips", "index.json")
     if not path.is_file():
         raise DataError(f"{path}: nothing has been preprocessed there; run `gesturegen preprocess` first")
-    index = documents.read(path, documents.Index, "preprocess")
-    if index["format_version"] != INDEX_VERSION:
+    index = documents.read(path, Index, "preprocess")
+    if index.format_version != clip_index.FORMAT_VERSION:
         raise DamagedError(f"{path}: written by another version; run `gesturegen preprocess` again")
-    clips.check_settings(path, index["settings"], data_settings(config), "preprocess")
-    _locate_recordings(index["tests"], path, config)
-    return index
+    clips.check_settings(path, index.settings, data_settings(config), "preprocess")
+    return index.model_copy(update={"tests": _located(index.tests, path, config)})
 
 
 def data_settings(config: Config) -> str:
@@ -79,44 +82,57 @@ def relative_to_work(path: Path, config: Config) -> str:
     return Path(os.path.relpath(path.resolve(), work_path(config).resolve())).as_posix()
 
 
-def _locate_recordings(tests: dict[str, dict], index_path: Path, config: Config) -> None:
-    """Make the index's places of audio and true motion paths that can be opened.
+def _located(tests: Mapping[str, IndexedTest], index_path: Path, config: Config) -> dict[str, IndexedTest]:
+    """The test clips with places of audio and true motion that can be opened.
 
     Where there is nothing any more, the data folder that the config names is searched for a clip of that name.
     """
     work = index_path.resolve().parent.parent  # that of the clips, which other work folders may share
-    for row in tests.values():
-        row |= {key: row[key] and os.path.normpath(work / row[key]) for key in ("audio", "truth") if key in row}
-    if all(Path(row[key]).exists() for row in tests.values() for key in ("audio", "truth") if row.get(key)):
-        return
+    placed = {
+        name: row.model_copy(
+            update={key: place and os.path.normpath(work / place) for key, place in _places(row).items()}
+        )
+        for name, row in tests.items()
+    }
+    if all(Path(place).exists() for row in placed.values() for place in _places(row).values() if place):
+        return placed
     try:
         found = {recording.name: recording for recording in recordings.test_recordings(config)}
         truths = recordings.true_motions(config, found)
     except GesturegenError:
-        return  # whoever opens the file says what is missing
-    for name, row in tests.items():
+        return placed  # whoever opens the file says what is missing
+    for name, row in placed.items():
         moved = {"audio": found[name].audio_path if name in found else None, "truth": truths.get(name)}
-        row |= {key: str(path) for key, path in moved.items() if path and row.get(key) and not Path(row[key]).exists()}
+        update = {
+            key: str(moved[key])
+            for key, place in _places(row).items()
+            if place and moved[key] and not Path(place).exists()
+        }
+        placed[name] = row.model_copy(update=update)
+    return placed
 
 
-def read_manifest(work: Path) -> dict:
+def _places(row: IndexedTest) -> dict[str, str | None]:
+    return {"audio": row.audio, "truth": row.truth}
+
+
+def read_manifest(work: Path) -> Manifest:
     """What `reenact` left in a work folder; DataError when it has not been run there."""
     path = work / "reenact" / "manifest.json"
     if not path.is_file():
         raise DataError(f"{path.parent}: nothing has been reenacted there; run `gesturegen reenact` first")
-    return documents.read(path, documents.Manifest, "reenact")
+    return documents.read(path, Manifest, "reenact")
 
 
-def chosen_references(config: Config, index: dict) -> dict[str, tuple[str, ...]]:
+def chosen_references(config: Config, index: Index) -> dict[str, tuple[str, ...]]:
     """The reference clips of each test clip, among the clips that could be preprocessed."""
-    if not index["tests"]:
+    if not index.tests:
         raise DataError("no test clip could be preprocessed; mend the errors that `gesturegen preprocess` lists")
-    require_names(config, [*index["references"]], [*index["tests"], *index["failed"]])
-    references = {name: row["speaker"] for name, row in index["references"].items()}
-    speakers = {name: row["speaker"] for name, row in index["tests"].items()}
-    durations = {name: row["seconds"] for name, row in index["references"].items()}
+    require_names(config, index.references, [*index.tests, *index.failed])
+    references = {name: row.speaker for name, row in index.references.items()}
+    speakers = {name: row.speaker for name, row in index.tests.items()}
     return recordings.choose_references(
-        sorted(speakers), references, speakers, config, durations, failed=sorted(index["failed"])
+        sorted(speakers), references, speakers, config, index.durations, failed=sorted(index.failed)
     )
 
 

@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 from gesturegen import __version__, evaluation, files, inputs, submission, tables, viewer
 from gesturegen.control import hands
 from gesturegen.data import clips, keynodes
+from gesturegen.data.index import Index
 from gesturegen.data.stored_clips import digests
 from gesturegen.errors import DamagedError, DataError
 from gesturegen.frames import ReferenceFrames
@@ -34,6 +35,7 @@ from gesturegen.settings.models import Config
 from gesturegen.speech import audio, voice
 from gesturegen.speech.cutting import spoken
 from gesturegen.stored import documents, sealing
+from gesturegen.trace import Trace
 from gesturegen.workspace import clip_path, library_path, work_path
 
 _CONTROL_COLUMNS = ("clip", *evaluation.CONTROL_HEADINGS)
@@ -71,7 +73,7 @@ def evaluate(
         signature = {"method": "files", "config_hash": config.signature(), "seed": "-", "version": __version__}
     else:
         index = read_index(config)
-        require_names(config, index["references"], [*index["tests"], *index["failed"]])
+        require_names(config, index.references, [*index.tests, *index.failed])
         evidence, failed, signature = _own_evidence(config, index, truth_folder)
         signature["inputs"] = _inputs(evidence, config)
         if reuse:
@@ -131,12 +133,12 @@ def _kept_figures(config: Config, signature: dict, names: set[str]) -> Summary |
     if not csv_path.is_file() or not json_path.is_file():
         return None
     stored = documents.read(json_path, documents.Summary, "evaluate")
-    if stored["signature"] != signature or stored["clips"].keys() != names:
+    if stored.signature != signature or stored.clips.keys() != names:
         return None
-    rows = {name: tables.from_json(row) for name, row in stored["clips"].items()}
-    total, columns = tables.from_json(stored["total"]), evaluation.measures(config)
-    control, control_path = stored.get("control", {}), _control_path(config)
-    beside = {name: tables.from_json(row) for name, row in stored["beside"].items()}
+    rows = {name: tables.from_json(row) for name, row in stored.clips.items()}
+    total, columns = tables.from_json(stored.total), evaluation.measures(config)
+    control, control_path = stored.control, _control_path(config)
+    beside = {name: tables.from_json(row) for name, row in stored.beside.items()}
     if control_path.is_file() != bool(control):
         return None
     try:
@@ -205,18 +207,18 @@ def _control_csv(control: Mapping[str, Sequence[Mapping]], signature: Mapping) -
     return text.getvalue()
 
 
-def _own_evidence(config: Config, index: dict, truth_folder: Path | None) -> tuple[list[_Evidence], list[str], dict]:
+def _own_evidence(config: Config, index: Index, truth_folder: Path | None) -> tuple[list[_Evidence], list[str], dict]:
     folder = work_path(config, "reenact")
     manifest = read_manifest(work_path(config))
-    truths = {name: Path(row["truth"]) for name, row in index["tests"].items() if row["truth"]}
+    truths = {name: Path(row.truth) for name, row in index.tests.items() if row.truth}
     if truth_folder is not None:
         truths = folder_motions(truth_folder, arrays=True)
     evidence, failed = [], []
-    for row in manifest["clips"]:
-        name = row["clip"]
-        if row["stuck"]:
+    for row in manifest.clips:
+        name = row.clip
+        if row.stuck:
             failed.append(name)
-        if row["error"]:
+        if row.error:
             continue
         evidence.append(
             _Evidence(
@@ -224,10 +226,10 @@ def _own_evidence(config: Config, index: dict, truth_folder: Path | None) -> tup
             )
         )
     signature = {
-        "method": f"{manifest['method']}/{manifest['search']}",
-        "config_hash": manifest["config_hash"],
-        "seed": manifest["seed"],
-        "version": manifest["gesturegen"],
+        "method": f"{manifest.method}/{manifest.search}",
+        "config_hash": manifest.config_hash,
+        "seed": manifest.seed,
+        "version": manifest.gesturegen,
     }
     return evidence, failed, signature
 
@@ -258,11 +260,11 @@ def _measure(evidence: _Evidence, config: Config, n_clips: int) -> dict:
     if evidence.trace is not None:
         trace = submission.read_trace(evidence.trace)
         submission.require_unchanged(evidence.motion, trace)
-        library = libraries.load(library_path(config, trace["graph"]), METHODS[trace["method"]])
+        library = libraries.load(library_path(config, trace.graph), METHODS[trace.method])
         references = list(library.clip_names)
         graph = load_frames(library, trace, config)
-        submission.require_nodes(trace, graph.n_nodes)
-        skate, recorded = reference_skate(config, submission.shown_clips(trace)), recordings(config, trace)
+        trace.require_nodes(graph.n_nodes)
+        skate, recorded = reference_skate(config, trace.shown_clips()), recordings(config, trace)
         seams = evaluation.seam_evidence(generated, trace, graph, recorded, n_clips)
     heard = read_heard(evidence.audio, config)
     row = evaluation.measure_clip(generated, config, heard, truth, trace, graph, skate, recorded)
@@ -296,13 +298,13 @@ def add_detectability(rows: Mapping[str, dict], total: dict, config: Config) -> 
 
 
 def _measure_control(
-    generated: evaluation.Joints, trace: Mapping, library: ReferenceFrames, config: Config
+    generated: evaluation.Joints, trace: Trace, library: ReferenceFrames, config: Config
 ) -> list[dict]:
     demands = evaluation.demands_of(trace)
     if not demands:
         return []
     recorded = hands.of_nodes(library, config.hands)
-    return evaluation.measure_control(demands, evaluation.hand_curves(generated, config), recorded, trace["fps"])
+    return evaluation.measure_control(demands, evaluation.hand_curves(generated, config), recorded, trace.fps)
 
 
 def require_same_joints(path: str | Path, truth: evaluation.Joints, generated: evaluation.Joints) -> None:
@@ -332,9 +334,9 @@ def _clip_skate(path: str, digest: str, settings: str) -> tuple[FootSkate, int]:
     return skate, recorded.curves.n_frames
 
 
-def recordings(config: Config, trace: Mapping) -> list[viewer.Recorded]:
+def recordings(config: Config, trace: Trace) -> list[viewer.Recorded]:
     """The references of which a clip shows anything, measured."""
-    names = submission.shown_clips(trace)
+    names = trace.shown_clips()
     settings = config.model_dump_json(by_alias=True)
     return [_recording(str(clip_path(config, name)), digests(config, [name])[0], settings)[0] for name in names]
 
@@ -373,11 +375,11 @@ def read_heard(path: Path | None, config: Config) -> evaluation.Heard | None:
     )
 
 
-def _add_utilisation(rows: dict, total: dict, references: dict[str, list[str]], index: dict) -> None:
+def _add_utilisation(rows: dict, total: dict, references: dict[str, list[str]], index: Index) -> None:
     """The share of the whole training set that served as references, per clip and for all together (§5.1.1)."""
-    seconds = {name: row["seconds"] for name, row in index["references"].items()}
+    seconds = index.durations
     named = sorted(references)
-    rest = index["training_seconds"] - sum(seconds.values())
+    rest = index.training_seconds - sum(seconds.values())
     used = training_utilisation([references[name] for name in named], seconds | {"": max(rest, 0.0)})
     for name, share in zip(named, used.per_clip, strict=True):
         rows[name]["utilisation"] = float(share)

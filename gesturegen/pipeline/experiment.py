@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from gesturegen import __version__, evaluation, files, remembered, submission, viewer
 from gesturegen.data import clips
+from gesturegen.data.index import Index
 from gesturegen.data.stored_clips import digests
 from gesturegen.errors import DataError
 from gesturegen.experiment import causes, figures, plot, reference_length, tables
@@ -127,7 +128,7 @@ def experiment(
         )
         for (setup, seed), tests in chosen.items()
     ]  # fmt: skip
-    n_tasks = len(set(owners.values())) + len(index["tests"]) * (len(runs) + preset.page)
+    n_tasks = len(set(owners.values())) + len(index.tests) * (len(runs) + preset.page)
     try:
         with one_display(1, n_tasks, quiet):
             made = _build_libraries(plan, preset, owners, jobs, quiet, kept)
@@ -141,7 +142,7 @@ def experiment(
         made.written += [folder / setup for setup in plan.setups]
     made.warnings += warnings
     made.warnings += [
-        (name, f"in no setup, because it failed in preprocess: {error}") for name, error in index["failed"].items()
+        (name, f"in no setup, because it failed in preprocess: {error}") for name, error in index.failed.items()
     ]
     return made
 
@@ -204,10 +205,10 @@ def _build_libraries(plan: Plan, preset: Preset, owners: _Owners, jobs: int, qui
 
 
 def _run_all(
-    plan: Plan, preset: Preset, runs: Sequence[_Run], index: dict, jobs: int, quiet: bool, page: Path | None
+    plan: Plan, preset: Preset, runs: Sequence[_Run], index: Index, jobs: int, quiet: bool, page: Path | None
 ) -> Summary:
     columns = preset.columns(plan.base)
-    ruler = _make_ruler(plan.base, columns, len(index["tests"]))
+    ruler = _make_ruler(plan.base, columns, len(index.tests))
     by_seed: dict[str, dict[int, dict[str, float]]] = {setup: {} for setup in plan.setups}
     rows: list[dict] = []
     beside: dict[str, dict[str, float]] = {}
@@ -260,11 +261,11 @@ def _title(run: _Run, test: str) -> str:
     return f"{test}, seed {run.config.seed}, {run.setup}"
 
 
-def _tasks(batch: Sequence[_Run], ruler: _Ruler, index: dict, with_beside: bool) -> dict[str, Callable[[], dict]]:
+def _tasks(batch: Sequence[_Run], ruler: _Ruler, index: Index, with_beside: bool) -> dict[str, Callable[[], dict]]:
     """with_beside : whether to measure what stands beside, which is the same for all runs"""
     return {
         _title(run, test): partial(
-            _run_clip, run, test, ruler, index["tests"][test]["truth"], with_beside and run is batch[0]
+            _run_clip, run, test, ruler, index.tests[test].truth, with_beside and run is batch[0]
         )
         for run in batch
         for test in run.references
@@ -272,15 +273,15 @@ def _tasks(batch: Sequence[_Run], ruler: _Ruler, index: dict, with_beside: bool)
 
 
 def _sum_up(
-    run: _Run, done: Sequence[dict], columns: Sequence[Measure], ruler: _Ruler, index: dict
+    run: _Run, done: Sequence[dict], columns: Sequence[Measure], ruler: _Ruler, index: Index
 ) -> dict[str, float]:  # fmt: skip
     """The figures of a run; its rows are given those that all clips are needed for."""
     rows = [one["row"] for one in done]
     pairs = [(one["generated"], one["truth"]) for one in done if one["truth"] is not None]
-    whole = {name: row["seconds"] for name, row in index["references"].items()}
+    whole = index.durations
     seconds = figures.durations(whole, run.config.references.seconds, run.references)
     with threadpool_limits(limits=1):  # as in the workers, so that the figures depend on no number of threads
-        total = figures.run_figures(rows, pairs, columns, ruler.config, seconds, index["training_seconds"])
+        total = figures.run_figures(rows, pairs, columns, ruler.config, seconds, index.training_seconds)
         add_detectability({row["clip"]: row for row in rows}, total, ruler.config)
     return total
 
@@ -300,9 +301,9 @@ def _complete_work_folder(run: _Run, rows: Iterable[dict]) -> None:
         ) from None
 
 
-def _measure_memory(runs: Sequence[_Run], preset: Preset, index: dict, jobs: int, quiet: bool) -> Summary:
+def _measure_memory(runs: Sequence[_Run], preset: Preset, index: Index, jobs: int, quiet: bool) -> Summary:
     """For each setup what memory the search of the longest clip takes."""
-    longest = max(sorted(index["tests"]), key=lambda name: index["tests"][name]["seconds"])
+    longest = max(sorted(index.tests), key=lambda name: index.tests[name].seconds)
     named = {
         run.setup: partial(measure_search, run.libraries[run.references[longest]], longest, run.config) for run in runs
     }
@@ -340,14 +341,14 @@ def _run_clip(run: _Run, test: str, ruler: _Ruler, truth_path: str | None, with_
     made = _gesture(run, test, ruler.config)
     written = {}
     if run.kept is not None:
-        written = submission.write_clip(run.kept, test, made.motion, {**made.trace, "inputs": ""})
+        written = submission.write_clip(run.kept, test, made.motion, made.trace)
     measured = evaluation.failed_row(ruler.config) | dict.fromkeys(_NOT_OF_STUCK, evaluation.NAN)
     found = {"generated": None, "truth": None, "beside": None, "seams": None}
     if made.motion is not None:
         measured, found = _measure(made, test, ruler, truth_path, with_beside)
     about = {"setup": run.setup, "seed": run.config.seed, "clip": test, "references": list(run.references[test])}
     row = about | {"seams": found.pop("seams")} | figures.clip_row(made.trace, made.frames, measured)
-    return found | {"row": row, "manifest_row": submission.clip_row(made.trace) | {"files": written}}
+    return found | {"row": row, "manifest_row": submission.clip_row(made.trace, written)}
 
 
 def _gesture(run: _Run, test: str, base: Config) -> Gestured:
@@ -394,7 +395,7 @@ def _measure(
     generated = evaluation.locate(made.motion, config)
     if truth is not None:
         require_same_joints(truth_path, truth, generated)
-    skate = reference_skate(config, submission.shown_clips(trace))
+    skate = reference_skate(config, trace.shown_clips())
     recorded = recordings(config, trace)
     row = evaluation.measure_clip(generated, config, heard, truth, trace, graph, skate, recorded)
     row["search_seconds"] = round(made.seconds, 4)
@@ -402,8 +403,8 @@ def _measure(
         row |= causes.measure(generated, truth, trace, graph, heard.onset_times, config)
     if "objective" in ruler.keys:
         # By the base's prices and pauses whatever the setup searches by.
-        method = METHODS[trace["method"]]
-        row["objective"] = method.objective(graph, made.speech, submission.shown_nodes(trace), config)
+        method = METHODS[trace.method]
+        row["objective"] = method.objective(graph, made.speech, trace.shown_nodes(), config)
     found = {"generated": None, "truth": None, "beside": None}
     found["seams"] = evaluation.seam_evidence(generated, trace, graph, recorded, ruler.n_clips)
     if with_beside:

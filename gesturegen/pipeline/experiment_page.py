@@ -7,43 +7,47 @@ from functools import partial
 from pathlib import Path
 
 from gesturegen import __version__
+from gesturegen.data.index import Index, IndexedTest
 from gesturegen.experiment.figures import Result
 from gesturegen.experiment.plan import Plan, seeded
+from gesturegen.manifest import ClipRow, Manifest
 from gesturegen.parallel import for_each
 from gesturegen.pipeline.common import Summary, read_manifest
 from gesturegen.pipeline.report import optional, pack_sounding, reenacted, true_motion
 from gesturegen.report import page
 from gesturegen.settings.models import Config
+from gesturegen.stored import documents
 from gesturegen.tables import format_figure, json_figures
 
 
 def write_page(
-    path: Path, result: Result, plan: Plan, folders: Mapping[str, Path], index: dict, jobs: int, quiet: bool
+    path: Path, result: Result, plan: Plan, folders: Mapping[str, Path], index: Index, jobs: int, quiet: bool
 ) -> Summary:
     """Write every clip with the motions of all setups at the first seed, and this seed's row of each setup.
 
     folders : the work folder of each setup
     """
     command = result.preset.command
-    packed = {name: partial(_pack_clip, name, index["tests"][name], plan.base, folders) for name in index["tests"]}
+    packed = {name: partial(_pack_clip, name, row, plan.base, folders) for name, row in index.tests.items()}
     outcome = for_each(packed, jobs, f"{command}: page", quiet)
     done = outcome.done
     failed = outcome.errors | dict.fromkeys(outcome.bugs, "a bug of gesturegen")
     seed = plan.seeds[0]
-    manifest = {
-        "gesturegen": __version__,
-        "method": command,
-        "search": f"{len(folders)} setups",
-        "seed": seed,
-        "config_hash": seeded(plan.base, seed).signature(),
-        "config": {"fps": plan.base.fps},
-        "clips": [_total_row(setup, read_manifest(folder)) for setup, folder in folders.items()],
-    }
-    figures = {
-        "clips": {_title(name): json_figures(setup.by_seed[seed]) for name, setup in result.setups.items()},
-        "total": {},
-        "beside": {name: json_figures(row) for name, row in result.beside.items()},
-    }
+    manifest = Manifest(
+        gesturegen=__version__,
+        method=command,
+        search=f"{len(folders)} setups",
+        seed=seed,
+        config_hash=seeded(plan.base, seed).signature(),
+        config={"fps": plan.base.fps},
+        clips=[_total_row(setup, read_manifest(folder)) for setup, folder in folders.items()],
+    )
+    figures = documents.Summary(
+        signature={},
+        clips={_title(name): json_figures(setup.by_seed[seed]) for name, setup in result.setups.items()},
+        total={},
+        beside={name: json_figures(row) for name, row in result.beside.items()},
+    )
     content = page.Content(
         manifest=manifest,
         figures=figures,
@@ -65,15 +69,18 @@ def _title(setup: str) -> str:
     return f"all clips, {setup}"
 
 
-def _total_row(setup: str, manifest: Mapping) -> dict:
+def _total_row(setup: str, manifest: Manifest) -> ClipRow:
     """The row of a setup in the page's table: what its clips that have a motion count together."""
-    rows = [row for row in manifest["clips"] if not row["stuck"]]
+    rows = [row for row in manifest.clips if not row.stuck]
     fallbacks: dict[str, int] = {}
     for row in rows:
-        for kind, count in row["fallbacks"].items():
+        for kind, count in row.fallbacks.items():
             fallbacks[kind] = fallbacks.get(kind, 0) + count
-    counts = {key: sum(row[key] for row in rows) for key in ("n_frames", "pieces", "hard_joins", "retries")}
-    return {"clip": _title(setup), **counts, "fallbacks": dict(sorted(fallbacks.items())), "error": None}
+    counts = {key: sum(getattr(row, key) for row in rows) for key in ("n_frames", "pieces", "hard_joins", "retries")}
+    return ClipRow(
+        clip=_title(setup), references=(), **counts, fallbacks=dict(sorted(fallbacks.items())), stuck=False, error=None,
+        files={},
+    )  # fmt: skip
 
 
 def _machine_notice(result: Result) -> str:
@@ -85,7 +92,7 @@ def _machine_notice(result: Result) -> str:
     return "Search of one clip on this machine, time and peak memory with its library: " + "; ".join(said) + "."
 
 
-def _pack_clip(name: str, indexed: Mapping, base: Config, folders: Mapping[str, Path]) -> dict:
+def _pack_clip(name: str, indexed: IndexedTest, base: Config, folders: Mapping[str, Path]) -> dict:
     """One clip as the text that goes into the page, and notes on what is not there."""
     notes: list[str] = []
     motions = []
@@ -94,6 +101,6 @@ def _pack_clip(name: str, indexed: Mapping, base: Config, folders: Mapping[str, 
             motions.append(reenacted(name, folder, base, setup))
         else:
             notes.append(f"{setup} found no path for this clip")
-    if indexed["truth"]:  # among those that are shown at first
-        motions[1:1] = optional("true motion", notes, lambda: true_motion(Path(indexed["truth"]), base))
+    if indexed.truth:  # among those that are shown at first
+        motions[1:1] = optional("true motion", notes, lambda: true_motion(Path(indexed.truth), base))
     return pack_sounding(name, indexed, base, motions, notes)

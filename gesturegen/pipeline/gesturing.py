@@ -15,6 +15,7 @@ from gesturegen.path import Path
 from gesturegen.pipeline import keyword_gestures, refiner
 from gesturegen.randomness import generator
 from gesturegen.settings.models import Config
+from gesturegen.trace import Trace
 from gesturegen.workspace import clip_path, library_name
 
 
@@ -27,7 +28,7 @@ class Gestured:
     """
 
     found: Path
-    trace: dict
+    trace: Trace
     motion: Motion | None
     frames: ReferenceFrames
     speech: clips.Speech

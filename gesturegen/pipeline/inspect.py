@@ -16,6 +16,7 @@ from gesturegen.methods import libraries
 from gesturegen.outcome import Outcome
 from gesturegen.pipeline.common import Summary
 from gesturegen.settings.models import Config
+from gesturegen.trace import Trace
 from gesturegen.workspace import library_name, library_path, work_path
 
 _TRACE = ".trace.json"
@@ -46,10 +47,10 @@ def inspect(config: Config, target: str, plot: Path | None = None, as_json: bool
     else:
         trace = submission.read_trace(path)
         library, lack = _library_of(config, path, trace)
-        facts = traces.describe_trace(trace, library)
+        described = traces.describe_trace(trace, library)
         if lack:
-            warnings.append((trace["clip"], lack))
-        lines = traces.trace_lines(facts)
+            warnings.append((trace.clip, lack))
+        facts, lines = described.model_dump(), traces.trace_lines(described)
         draw = partial(plots.plot_trace, trace)
     printed = [json.dumps(facts, indent=1, ensure_ascii=False)] if as_json else lines
     summary = Summary(Outcome(), warnings, lines=printed)
@@ -81,9 +82,9 @@ def _find(config: Config, target: str) -> Path:
     raise DataError(f"{target}: no such file, and no trace or graph of that name in {config.paths.work}; {hint}")
 
 
-def _library_of(config: Config, path: Path, trace: dict) -> tuple[ReferenceFrames | None, str]:
+def _library_of(config: Config, path: Path, trace: Trace) -> tuple[ReferenceFrames | None, str]:
     """What a trace was found in, of the run it lies in, else of the work folder; without it, what that means."""
-    name = trace["graph"]
+    name = trace.graph
     places = (path.resolve().parent.parent / "graphs" / f"{name}.npz", library_path(config, name))
     found = next((place for place in places if place.is_file()), None)
     library = None if found is None else libraries.read(found)

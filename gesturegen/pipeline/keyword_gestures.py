@@ -22,7 +22,7 @@ from gesturegen.motion import cleanup, space
 from gesturegen.path import Path, Piece, Target, Track, resampled_indices
 from gesturegen.settings.models import Config
 from gesturegen.speech.transcript import normalize
-from gesturegen.submission import GESTURE_PREFIX
+from gesturegen.trace import GESTURE_PREFIX, Trace
 
 # What a piece that shows one is called in a trace.
 KIND = "gesture"
@@ -86,17 +86,17 @@ def library_digests(config: Config) -> list[str]:
     return [files.sha256(path) if path.is_file() else "" for path in paths]
 
 
-def load_frames(library: ReferenceFrames, trace: Mapping, config: Config) -> ReferenceFrames:
+def load_frames(library: ReferenceFrames, trace: Trace, config: Config) -> ReferenceFrames:
     """The frames that a trace's nodes are of: those of its library, and of the gestures that it shows."""
-    own = trace["references"][len(library.clip_names) :]
+    own = trace.references[len(library.clip_names) :]
     if not own:
         return library
-    names = [one["clip"].removeprefix(GESTURE_PREFIX) for one in own]
+    names = [one.clip.removeprefix(GESTURE_PREFIX) for one in own]
     frames = extended(library, [_load(config, name, None) for name in names], config)
-    last = max(max(piece["nodes"]) for track in (trace, *trace["tracks"]) for piece in track["pieces"])
+    last = max(max(piece.nodes) for piece in trace.all_pieces)
     starts = frames.clip_starts[len(library.clip_names) :].tolist()
-    if last >= frames.n_nodes or starts != [one["start_node"] for one in own]:
-        raise DataError(f"clip {trace['clip']}: its gestures changed since; run `gesturegen reenact` again")
+    if last >= frames.n_nodes or starts != [one.start_node for one in own]:
+        raise DataError(f"clip {trace.clip}: its gestures changed since; run `gesturegen reenact` again")
     return frames
 
 

@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from gesturegen.data.index import Index
 from gesturegen.errors import DataError
 from gesturegen.methods import METHODS
 from gesturegen.settings.models import Config
@@ -35,7 +36,7 @@ def workers(needs: Sequence[float], jobs: int, available: float | None) -> int:
 def require_memory(
     config: Config,
     chosen: Mapping[str, Sequence[str]],
-    index: Mapping,
+    index: Index,
     jobs: int,
     tasks: int | None = None,
     available: float | None = None,
@@ -52,7 +53,7 @@ def require_memory(
 
 def require_memory_for(
     runs: Sequence[tuple[Config, Mapping[str, Sequence[str]]]],
-    index: Mapping,
+    index: Index,
     jobs: int,
     tasks: int | None = None,
     available: float | None = None,
@@ -69,7 +70,7 @@ def require_memory_for(
     sizes = {}
     for (run, test), group in groups.items():
         config, own = runs[run][0], frames[group]
-        test_frames = round(index["tests"][test]["seconds"] * config.fps)
+        test_frames = round(index.tests[test].seconds * config.fps)
         sizes[run, test] = estimate(own, test_frames, config, second if own == largest else largest), own
     needs = sorted((need for need, _ in sizes.values()), reverse=True)[:tasks]
     found = workers(needs, jobs, available)
@@ -97,9 +98,9 @@ def _or_thriftier(runs: Sequence[tuple[Config, Mapping]]) -> str:
     return "".join(f", or {setting}" for setting in settings if setting)
 
 
-def reference_frames(config: Config, names: Sequence[str], index: Mapping) -> int:
+def reference_frames(config: Config, names: Sequence[str], index: Index) -> int:
     """Frames of the graph of some reference clips, by what the index knows of them."""
-    seconds = sum(index["references"][name]["seconds"] for name in names)
+    seconds = sum(index.references[name].seconds for name in names)
     if config.references.seconds is not None:
         seconds = min(seconds, config.references.seconds)
     return round(seconds * config.fps)

@@ -8,13 +8,13 @@ from pathlib import Path
 
 from gesturegen import inputs
 from gesturegen.data import clips, recordings
+from gesturegen.data.index import FORMAT_VERSION, Index, IndexedClip, IndexedTest
 from gesturegen.data.recordings import Recording
 from gesturegen.errors import ConfigError, DamagedError, DataError
 from gesturegen.motion import bvh
 from gesturegen.outcome import Outcome
 from gesturegen.parallel import describe_bugs, for_each
 from gesturegen.pipeline.common import (
-    INDEX_VERSION,
     Summary,
     by_kind,
     data_settings,
@@ -58,7 +58,7 @@ def preprocess(config: Config, jobs: int, quiet: bool, export_bvh: Path | None =
             )
         )  # fmt: skip
     index_path = work_path(config, "clips", "index.json")
-    lost = documents.damage(index_path, documents.Index, "preprocess") if reuse else []
+    lost = documents.damage(index_path, Index, "preprocess") if reuse else []
     documents.write(index_path, _index(config, references, tests, outcome))
     summary = Summary(outcome, by_kind([(name, note) for name, done in outcome.done.items() for note in done["notes"]]))
     summary.warnings += [("index", note) for note in lost]
@@ -103,28 +103,31 @@ def _refuse_twins(references: dict[str, Recording], tests: dict[str, Recording])
             )
 
 
-def _index(config: Config, references: dict[str, Recording], tests: dict[str, Recording], outcome: Outcome) -> dict:
+def _index(config: Config, references: dict[str, Recording], tests: dict[str, Recording], outcome: Outcome) -> Index:
     """What later commands need to know of the data, so that they need not look at it again."""
     truths = recordings.true_motions(config, tests)
     done = outcome.done
-    return {
-        "format_version": INDEX_VERSION,
-        "settings": data_settings(config),
-        "references": {
-            name: {key: done[name][key] for key in ("speaker", "seconds")} for name in references if name in done
+    return Index(
+        format_version=FORMAT_VERSION,
+        settings=data_settings(config),
+        references={
+            name: IndexedClip(speaker=done[name]["speaker"], seconds=done[name]["seconds"])
+            for name in references
+            if name in done
         },
-        "tests": {
-            name: {
-                **{key: done[name][key] for key in ("speaker", "seconds")},
-                "audio": relative_to_work(recording.audio_path, config),
-                "truth": relative_to_work(truths[name], config) if name in truths else None,
-            }
+        tests={
+            name: IndexedTest(
+                speaker=done[name]["speaker"],
+                seconds=done[name]["seconds"],
+                audio=relative_to_work(recording.audio_path, config),
+                truth=relative_to_work(truths[name], config) if name in truths else None,
+            )
             for name, recording in tests.items()
             if name in done
         },
-        "training_seconds": sum(_training_seconds(config, references, outcome)),
-        "failed": {name: outcome.errors.get(name, "a bug of gesturegen") for name in tests if name not in done},
-    }
+        training_seconds=sum(_training_seconds(config, references, outcome)),
+        failed={name: outcome.errors.get(name, "a bug of gesturegen") for name in tests if name not in done},
+    )
 
 
 def _training_seconds(config: Config, references: dict[str, Recording], outcome: Outcome) -> list[float]:

@@ -6,6 +6,7 @@ import hashlib
 import os
 import shutil
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from gesturegen.data import clips
 from gesturegen.data.stored_clips import digests, stored_digest
 from gesturegen.errors import DamagedError, DataError
 from gesturegen.frames import ReferenceFrames
+from gesturegen.manifest import ClipRow, Manifest
 from gesturegen.methods import METHODS, libraries
 from gesturegen.parallel import for_each
 from gesturegen.path import Path as SearchPath
@@ -25,12 +27,25 @@ from gesturegen.pipeline.gesturing import gesture, read_speech, title_of
 from gesturegen.pipeline.memory import require_memory
 from gesturegen.settings.models import Config
 from gesturegen.stored import documents, sealing
+from gesturegen.trace import Trace
 from gesturegen.workspace import clip_path, library_name, library_path, work_path
 
 # Frames of a reference that are further apart than this show another moment of it.
 ELSEWHERE_FRAMES = 15
 # Test clips that are searched for at once, by methods that can.
 _TOGETHER = 70
+
+
+@dataclass(frozen=True)
+class _Made:
+    """A clip that was written, or kept: its row of the manifest and its notes.
+
+    new : share of its frames that no earlier variant shows, None for the first and where the search got stuck
+    """
+
+    row: ClipRow
+    notes: tuple[str, ...]
+    new: float | None = None
 
 
 def reenact(config: Config, jobs: int, quiet: bool, reuse: bool = False, variants: int = 1) -> Summary:
@@ -57,15 +72,15 @@ def reenact(config: Config, jobs: int, quiet: bool, reuse: bool = False, variant
         for test, names in chosen.items()
     }
     outcome = for_each(tasks, jobs, "reenact", quiet)
-    outcome.errors |= {name: f"failed in preprocess: {error}" for name, error in index["failed"].items()}
+    outcome.errors |= {name: f"failed in preprocess: {error}" for name, error in index.failed.items()}
     failed = outcome.errors | dict.fromkeys(outcome.bugs, "a bug of gesturegen")
     for variant, folder in enumerate(folders, 1):
-        rows = [results[variant - 1]["row"] for results in outcome.done.values()]
+        rows = [results[variant - 1].row for results in outcome.done.values()]
         for name, error in failed.items():
             submission.remove_clip(folder, name)
-            rows.append({"clip": name, "references": list(chosen.get(name, ())), "stuck": False, "error": error})
+            rows.append(submission.failed_row(name, chosen.get(name, ()), error))
         manifest = submission.manifest(rows, config, variant)
-        lost = documents.damage(folder / "manifest.json", documents.Manifest, "reenact") if reuse else []
+        lost = documents.damage(folder / "manifest.json", Manifest, "reenact") if reuse else []
         if variants == 1 and not _is_stored(manifest, folder):
             _remove_variants(config)
         documents.write(folder / "manifest.json", manifest)
@@ -149,7 +164,7 @@ def _search_batch(tests: Sequence[str], names: tuple[str, ...], config: Config, 
 
 def _reenact_clip(
     test: str, names: tuple[str, ...], config: Config, reuse: bool, variants: int, found: SearchPath | None
-) -> list[dict]:
+) -> list[_Made]:
     """Write all variants of a clip, one after the other: each is searched in view of the earlier ones.
 
     found : the path of the first one, where it has been searched for already
@@ -157,8 +172,7 @@ def _reenact_clip(
     inputs = [_made_of(test, names, config, variant) for variant in range(1, variants + 1)]
     trace, lost = _kept(test, inputs[0], config) if reuse else (None, [])
     if trace is not None:
-        row = submission.clip_row(trace) | {"files": submission.kept_clip(_folder(config, 1), test, trace)}
-        return [{"row": row, "notes": trace["notes"], "new": None}]
+        return [_Made(submission.clip_row(trace, submission.kept_clip(_folder(config, 1), test, trace)), trace.notes)]
     references, graph = _library(
         config.model_dump_json(by_alias=True), names, digests(config, names), _graph_digest(config, names)
     )
@@ -167,18 +181,18 @@ def _reenact_clip(
     for variant, hashed in enumerate(inputs, 1):
         made = gesture(test, names, graph, references, speech, config, found if variant == 1 else None, earlier)
         earlier.append(made.found)
-        written = submission.write_clip(_folder(config, variant), test, made.motion, {**made.trace, "inputs": hashed})
+        told = made.trace.model_copy(update={"inputs": hashed})
+        written = submission.write_clip(_folder(config, variant), test, made.motion, told)
         new = None
         if made.motion is not None:
-            nodes = submission.shown_nodes(made.trace)
+            nodes = made.trace.shown_nodes()
             new = share_of_new_frames(nodes, shown, made.frames) if shown else None
             shown.append(nodes)
-        row = submission.clip_row(made.trace) | {"files": written}
-        results.append({"row": row, "notes": [*lost, *made.trace["notes"]], "new": new})
+        results.append(_Made(submission.clip_row(made.trace, written), (*lost, *made.trace.notes), new))
     return results
 
 
-def _kept(test: str, inputs: str, config: Config) -> tuple[dict | None, list[str]]:
+def _kept(test: str, inputs: str, config: Config) -> tuple[Trace | None, list[str]]:
     """The trace of an earlier result of these inputs; None when there is none, or none that is as it was written.
 
     Then the list says so.
@@ -261,10 +275,10 @@ def _remove_variants(config: Config) -> None:
         ) from None
 
 
-def _is_stored(manifest: dict, folder: Path) -> bool:
+def _is_stored(manifest: Manifest, folder: Path) -> bool:
     """Whether an earlier run left the same manifest, and so the same result of the same inputs."""
     try:
-        return documents.read(folder / "manifest.json", documents.Manifest, "reenact") == manifest
+        return documents.read(folder / "manifest.json", Manifest, "reenact") == manifest
     except DataError:
         return False
 
@@ -280,23 +294,22 @@ def _describe(summary: Summary, config: Config) -> None:
     for test, results in done.items():
         said: set[str] = set()
         for variant, result in enumerate(results, 1):
-            title, row = title_of(test, variant), result["row"]
-            summary.warnings += [(title, note) for note in result["notes"] if note not in said]
-            said.update(result["notes"])
-            if row["stuck"]:
-                outcome.errors[title] = row["error"]
+            title, row = title_of(test, variant), result.row
+            summary.warnings += [(title, note) for note in result.notes if note not in said]
+            said.update(result.notes)
+            if row.stuck:
+                outcome.errors[title] = row.error
                 continue
-            if result["new"] == 0:
+            if result.new == 0:
                 summary.warnings.append((title, f"shows nothing that earlier variants do not; {hint}"))
             outcome.done[title] = result
-            summary.lines.append(f"{title}: {_figures(row)}{_difference(result['new'])}")
+            summary.lines.append(f"{title}: {_figures(row)}{_difference(result.new)}")
 
 
-def _figures(row: dict) -> str:
-    fallbacks = ", ".join(f"{count} {kind}" for kind, count in row["fallbacks"].items()) or "none"
+def _figures(row: ClipRow) -> str:
     return (
-        f"{row['n_frames']} frames, {row['pieces']} pieces, {row['hard_joins']} hard joins, "
-        f"{row['retries']} retries, fallbacks: {fallbacks}"
+        f"{row.n_frames} frames, {row.pieces} pieces, {row.hard_joins} hard joins, {row.retries} retries, "
+        f"fallbacks: {row.fallback_text}"
     )
 
 

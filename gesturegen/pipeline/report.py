@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,7 +10,9 @@ from pathlib import Path
 from gesturegen import evaluation, submission
 from gesturegen import frames as reference_frames
 from gesturegen.control import hands
+from gesturegen.data.index import IndexedTest
 from gesturegen.errors import DataError, GesturegenError
+from gesturegen.manifest import Manifest
 from gesturegen.motion import cleanup, space
 from gesturegen.parallel import for_each
 from gesturegen.pipeline.common import Summary, read_index, read_manifest, require_writable
@@ -47,10 +49,10 @@ def report(
     others = _other_runs(compare)
     path = work_path(config, "report.html") if out is None else out
     require_writable(path.parent)
-    shown = [row["clip"] for row in manifest["clips"] if row["error"] is None]
-    tasks = {name: partial(_pack_clip, name, index["tests"].get(name), config, others) for name in shown}
+    shown = [row.clip for row in manifest.made]
+    tasks = {name: partial(_pack_clip, name, index.tests.get(name), config, others) for name in shown}
     outcome = for_each(tasks, jobs, "report", quiet)
-    failed = {row["clip"]: row["error"] for row in manifest["clips"] if row["error"] is not None}
+    failed = {row.clip: row.error for row in manifest.clips if row.error is not None}
     failed |= outcome.errors | dict.fromkeys(outcome.bugs, "a bug of gesturegen")
     packed = {name: done["text"] for name, done in outcome.done.items()}
     notices, figures = _evaluation(config, manifest)
@@ -81,19 +83,18 @@ def _other_runs(compare: Sequence[tuple[str, Path]]) -> list[_Run]:
     for label, work in compare:
         if label in (*_OWN_LABELS, *(run.label for run in runs)):
             raise DataError(f"{work}: the label {label!r} is taken; give every compared run one of its own")
-        rows = read_manifest(work)["clips"]
-        runs.append(_Run(label, work, frozenset(row["clip"] for row in rows if row["error"] is None)))
+        runs.append(_Run(label, work, frozenset(row.clip for row in read_manifest(work).made)))
     return runs
 
 
-def _evaluation(config: Config, manifest: dict) -> tuple[list[str], dict | None]:
+def _evaluation(config: Config, manifest: Manifest) -> tuple[list[str], documents.Summary | None]:
     """What the reader must know of the figures, and the figures; None where there are none of this run."""
     path = work_path(config, "evaluate", "summary.json")
     if not path.is_file():
         return ["This run has not been evaluated: run `gesturegen evaluate`, then `gesturegen report` again."], None
     figures = documents.read(path, documents.Summary, "evaluate")
-    ours = [manifest["config_hash"], manifest["seed"]]
-    if [figures["signature"].get(key) for key in ("config_hash", "seed")] != ours:
+    ours = [manifest.config_hash, manifest.seed]
+    if [figures.signature.get(key) for key in ("config_hash", "seed")] != ours:
         return [
             "The figures in WORK/evaluate are of another configuration or seed than the clips and are left out: "
             "run `gesturegen evaluate`, then `gesturegen report` again."
@@ -111,12 +112,12 @@ def _ablation(config: Config) -> page.Ablation | None:
         return None
     return page.Ablation(
         plot=plot and sealing.read_png(plot, "ablate"),
-        results=table and documents.read(table, documents.Ablation, "ablate"),
-        lengths=lengths and documents.read(lengths, documents.Lengths, "ablate"),
+        results=table and documents.read(table, documents.Ablation, "ablate").model_dump(),
+        lengths=lengths and documents.read(lengths, documents.Lengths, "ablate").model_dump(),
     )
 
 
-def _pack_clip(name: str, indexed: dict | None, config: Config, others: Sequence[_Run]) -> dict:
+def _pack_clip(name: str, indexed: IndexedTest | None, config: Config, others: Sequence[_Run]) -> dict:
     """One clip as the text that goes into the page, and notes on what is not there."""
     if indexed is None:
         raise DataError(
@@ -124,8 +125,8 @@ def _pack_clip(name: str, indexed: dict | None, config: Config, others: Sequence
         )  # fmt: skip
     notes: list[str] = []
     motions = [reenacted(name, work_path(config), config, "generated")]
-    if indexed.get("truth"):
-        motions += optional("true motion", notes, lambda: true_motion(Path(indexed["truth"]), config))
+    if indexed.truth:
+        motions += optional("true motion", notes, lambda: true_motion(Path(indexed.truth), config))
     for run in others:
         if name in run.names:
             motions.append(reenacted(name, run.work, config, run.label))
@@ -134,12 +135,12 @@ def _pack_clip(name: str, indexed: dict | None, config: Config, others: Sequence
     return pack_sounding(name, indexed, config, motions, notes)
 
 
-def pack_sounding(name: str, indexed: Mapping, config: Config, motions: list[dict], notes: list[str]) -> dict:
+def pack_sounding(name: str, indexed: IndexedTest, config: Config, motions: list[dict], notes: list[str]) -> dict:
     """Pack the motions of a clip with its speech as the text that goes into a page; `notes` say what is not there."""
     speech = read_speech(name, config)
     sound = [None]
-    if indexed.get("audio"):
-        sound = optional("sound", notes, lambda: pack.pack_audio(*audio.read_samples(indexed["audio"]))) or [None]
+    if indexed.audio:
+        sound = optional("sound", notes, lambda: pack.pack_audio(*audio.read_samples(indexed.audio))) or [None]
     else:
         notes.append("no sound: the index of clips names no audio file; run `gesturegen preprocess` again")
     packed = pack.pack_clip(speech, config.keywords.words, motions, sound[0], notes)
@@ -159,7 +160,7 @@ def reenacted(name: str, work: Path, config: Config, label: str) -> dict:
     demands = evaluation.demands_of(trace)
     # Not the whole of it: a graph of all references can be as large as the memory.
     wanted = ("source_frames", *(_PLACES if demands else ()))
-    stored = reference_frames.read_arrays(work / "graphs" / f"{trace['graph']}.npz", wanted)
+    stored = reference_frames.read_arrays(work / "graphs" / f"{trace.graph}.npz", wanted)
     control = []
     if demands:
         shown = evaluation.hand_curves(evaluation.locate(motion, config), config)

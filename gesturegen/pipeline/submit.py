@@ -18,6 +18,7 @@ from gesturegen.parallel import for_each
 from gesturegen.pipeline.common import Summary, require_writable
 from gesturegen.settings.models import Config
 from gesturegen.speech import audio
+from gesturegen.stored import sealing
 from gesturegen.workspace import clip_path, work_path
 
 
@@ -86,7 +87,7 @@ def _check_clip(
     except DataError:
         problems.append(f"{path}: its audio {recording.audio_path} cannot be read, so its length is not checked")
     found, warnings = submission.check_motion(
-        path, skeletons, n_frames, float(config.fps), partial(_recorded_turns, config.model_dump_json(by_alias=True)),
+        path, skeletons, n_frames, float(config.fps), partial(_recorded_turns, config),
         partial(_speaking, recording, config),
     )  # fmt: skip
     return found + problems, warnings
@@ -103,14 +104,19 @@ def _speaking(recording: recordings.Recording, config: Config) -> np.ndarray | N
     return keynodes.speaking(speech, config.pauses)
 
 
-@lru_cache(maxsize=1)
-def _recorded_turns(config_json: str) -> dict[str, float]:
+def _recorded_turns(config: Config) -> dict[str, float]:
     """The fastest turn of each joint, by name, in the references that can be read, in degrees a second."""
-    config = Config.model_validate_json(config_json)
+    paths = [recording.motion_path for recording in recordings.reference_recordings(config)]
+    return _fastest_turns(tuple((path, sealing.file_state(path)) for path in paths if path.is_file()), config.fps)
+
+
+@lru_cache(maxsize=1)
+def _fastest_turns(motions: tuple[tuple[Path, tuple[int, ...]], ...], fps: int) -> dict[str, float]:
+    """A worker reads the references once for all clips; motions : BVH files, and the state that each is in."""
     fastest: dict[str, float] = {}
-    for recording in recordings.reference_recordings(config):
+    for path, _ in motions:
         with suppress(DataError):  # of a broken reference `preprocess` tells
-            motion = cleanup.resample(bvh.read(recording.motion_path), config.fps)
+            motion = cleanup.resample(bvh.read(path), fps)
             for name, turn in zip(
                 motion.skeleton.names, submission.turns_per_second(motion).max(axis=0, initial=0), strict=True
             ):

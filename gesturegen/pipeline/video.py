@@ -90,7 +90,7 @@ def _sounds(config: Config, motions: Mapping[str, Path], path: Path | None, soun
         return found
     beside = {} if path is None else folder_sounds(path if path.is_dir() else path.parent)
     if path is None or work_path(config, "clips", "index.json").is_file():
-        return beside | {name: Path(row["audio"]) for name, row in read_index(config)["tests"].items()}
+        return beside | {name: Path(row.audio) for name, row in read_index(config).tests.items() if row.audio}
     return beside
 
 

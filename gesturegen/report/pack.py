@@ -18,12 +18,11 @@ from gesturegen import evaluation
 from gesturegen.control.measures import UNITS
 from gesturegen.control.schedule import Demand, Measures
 from gesturegen.data.clips import Speech
-from gesturegen.errors import DataError
 from gesturegen.joints import settings_for
 from gesturegen.motion.skeleton import Motion
 from gesturegen.report import figure, sound
 from gesturegen.settings.models import Config
-from gesturegen.submission import GESTURE_PREFIX, shown_nodes
+from gesturegen.trace import Trace
 
 STEPS_PER_FIGURE = 2000
 # Steps are int16; a motion that travels further than this many is stored in longer ones.
@@ -107,35 +106,31 @@ def pack_control(demands: Sequence[Demand], shown: Measures, recorded: Measures,
     ]
 
 
-def pack_trace(trace: Mapping, source_frames: np.ndarray, control: Sequence[dict] = ()) -> dict:
+def pack_trace(trace: Trace, source_frames: np.ndarray, control: Sequence[dict] = ()) -> dict:
     """Pieces, joins, and the reference frame that each output frame shows.
 
     source_frames : of the graph [shape=(N,)]; DataError when the trace walks over nodes that it lacks
     control : of `pack_control`
     """
-    shown = shown_nodes(trace)
-    starts = np.array([reference["start_node"] for reference in trace["references"]])
-    names = [reference["clip"] for reference in trace["references"]]
+    shown = trace.shown_nodes()
+    starts = np.array(trace.start_nodes)
     clips = np.searchsorted(starts, shown, side="right") - 1
     # Gestures of a library come after the frames of the graph.
-    gesture = np.array([name.startswith(GESTURE_PREFIX) for name in names])[clips]
+    gesture = np.array([reference.is_gesture for reference in trace.references])[clips]
     if shown[~gesture].max(initial=-1) >= len(source_frames):
-        raise DataError(
-            f"clip {trace['clip']}: its trace is of another graph than {trace['graph']}; run `gesturegen reenact` again"
-        )
+        raise trace.of_another_graph()
     source = np.where(gesture, shown - starts[clips], source_frames[np.where(gesture, 0, shown)])
     return {
         "references": [
-            reference["clip"] + (" (mirrored)" if reference.get("mirrored") else "")
-            for reference in trace["references"]
+            reference.clip + (" (mirrored)" if reference.mirrored else "") for reference in trace.references
         ],
         "reference": clips.tolist(),
         "source": source.tolist(),
         "pieces": [
-            [piece[key] for key in ("start_frame", "end_frame", "end_kind", "keyword", "fallback")]
-            for piece in trace["pieces"]
+            [piece.start_frame, piece.end_frame, piece.end_kind, piece.keyword, piece.fallback]
+            for piece in trace.pieces
         ],
-        "joins": [[join["frame"], round(join["distance"], 3), join["natural"]] for join in trace["joins"]],
+        "joins": [[join.frame, round(join.distance, 3), join.natural] for join in trace.joins],
         "control": list(control),
     }
 

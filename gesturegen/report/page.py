@@ -20,12 +20,15 @@ from pathlib import Path
 from gesturegen import evaluation, files
 from gesturegen.experiment.presets import ABLATION_COLUMNS
 from gesturegen.experiment.tables import format_spread
+from gesturegen.manifest import ClipRow, Manifest
 from gesturegen.metrics.measures import VIEWER_BLOCKS
 from gesturegen.report import lengths
 from gesturegen.settings.models import Config
+from gesturegen.stored.documents import Summary
 from gesturegen.tables import beside_of, format_figure
 
 _SCRIPTS = ("figure.js", "timeline.js", "player.js", "controls.js")
+_NO_FIGURES = Summary(signature={}, total={}, clips={})
 
 
 @dataclass(frozen=True)
@@ -49,8 +52,8 @@ class Content:
     join_scale : the largest distance of a join, so that a colour means the same in every clip
     """
 
-    manifest: Mapping
-    figures: Mapping | None
+    manifest: Manifest
+    figures: Summary | None
     compared: Sequence[str]
     notices: Sequence[str]
     failed: Mapping[str, str]
@@ -130,11 +133,11 @@ def _code(text: str) -> str:
 def _signature(content: Content) -> str:
     manifest = content.manifest
     entries = {
-        "method": manifest["method"],
-        "search": manifest["search"],
-        "seed": manifest["seed"],
-        "config": manifest["config_hash"],
-        "gesturegen": manifest["gesturegen"],
+        "method": manifest.method,
+        "search": manifest.search,
+        "seed": manifest.seed,
+        "config": manifest.config_hash,
+        "gesturegen": manifest.gesturegen,
         "clips": f"{len(content.clips)} shown, {len(content.failed)} failed",
     }
     if content.compared:
@@ -151,40 +154,39 @@ def _failed(failed: Mapping[str, str]) -> str:
 
 def _summary(content: Content, config: Config) -> str:
     """A row per clip and the total: what the manifest counts, then the figures of `evaluate`."""
-    figures = content.figures or {"clips": {}, "total": {}}
+    figures = content.figures or _NO_FIGURES
     columns = [
         measure
         for measure in evaluation.measures(config)
         if measure.block not in VIEWER_BLOCKS
-        and any(row.get(measure.key) is not None for row in [*figures["clips"].values(), figures["total"]])
+        and any(row.get(measure.key) is not None for row in [*figures.clips.values(), figures.total])
     ]
     headings = ["clip", "seconds", "pieces", "hard joins", "retries", "fallbacks", *(m.heading for m in columns)]
     places = {name: k for k, name in enumerate(content.clips)}
-    fps = content.manifest["config"].get("fps", config.fps)
-    body, rows = [], content.manifest["clips"]
+    fps = content.manifest.fps
+    body, rows = [], content.manifest.clips
     for row in rows:
-        name = row["clip"]
+        name = row.clip
         label = escape(name)
         if name in places:
             label = f'<button type="button" class="open" data-clip="{places[name]}">{label}</button>'
-        own = figures["clips"].get(name, {})
+        own = figures.clips.get(name, {})
         body.append(_row(label, [*_counts(row, fps), *(format_figure(own.get(m.key)) for m in columns)]))
-    listed = [row for row in rows if row["error"] is None]
+    listed = content.manifest.made
     total = [
-        format_figure(round(sum(row["n_frames"] for row in listed) / fps, 2)),
-        *(str(sum(row[key] for row in listed)) for key in ("pieces", "hard_joins", "retries")),
-        str(sum(sum(row["fallbacks"].values()) for row in listed)),
-        *(format_figure(figures["total"].get(m.key)) for m in columns),
+        format_figure(round(sum(row.n_frames for row in listed) / fps, 2)),
+        *(str(sum(getattr(row, key) for row in listed)) for key in ("pieces", "hard_joins", "retries")),
+        str(sum(sum(row.fallbacks.values()) for row in listed)),
+        *(format_figure(figures.total.get(m.key)) for m in columns),
     ]
     return _table(headings, body, _row(f"all {len(rows)}", total))
 
 
 def _viewer(content: Content, config: Config) -> str:
     """A table for each block of what a viewer complains of, with what stands beside its total."""
-    figures = content.figures or {"clips": {}, "total": {}}
-    beside, html = figures.get("beside", {}), ""
+    figures, html = content.figures or _NO_FIGURES, ""
     for block in VIEWER_BLOCKS:
-        every = [*figures["clips"].values(), figures["total"]]
+        every = [*figures.clips.values(), figures.total]
         listed = [measure for measure in evaluation.measures(config) if measure.block == block]
         columns = [measure for measure in listed if any(row.get(measure.key) is not None for row in every)]
         if not columns:
@@ -193,22 +195,19 @@ def _viewer(content: Content, config: Config) -> str:
         def cells(row: Mapping, columns=columns) -> list[str]:
             return [format_figure(row.get(measure.key)) for measure in columns]
 
-        rows = [_row(escape(name), cells(row)) for name, row in figures["clips"].items()]
-        last = [_row(f"all {len(rows)}", cells(figures["total"]))] if figures["total"] else []
-        last += [_row(escape(name), cells(row)) for name, row in beside_of(beside, columns).items()]
+        rows = [_row(escape(name), cells(row)) for name, row in figures.clips.items()]
+        last = [_row(f"all {len(rows)}", cells(figures.total))] if figures.total else []
+        last += [_row(escape(name), cells(row)) for name, row in beside_of(figures.beside, columns).items()]
         scroll = f'class="scroll" tabindex="0" role="region" aria-label="{escape(block)}"'
         table = _table(["clip", *(measure.heading for measure in columns)], rows, "".join(last))
         html += f"<h3>{escape(block[0].upper() + block[1:])}</h3><div {scroll}>{table}</div>"
     return f'<section id="viewer"><h2>What a viewer sees</h2>{html}</section>' if html else ""
 
 
-def _counts(row: Mapping, fps: float) -> list[str]:
-    if row["error"] is not None:
+def _counts(row: ClipRow, fps: float) -> list[str]:
+    if row.error is not None:
         return ["-", "-", "-", "-", "failed"]
-    fallbacks = ", ".join(f"{count} {kind}" for kind, count in row["fallbacks"].items()) or "none"
-    return [
-        f"{row['n_frames'] / fps:.2f}", *(str(row[key]) for key in ("pieces", "hard_joins", "retries")), fallbacks
-    ]  # fmt: skip
+    return [f"{row.n_frames / fps:.2f}", str(row.pieces), str(row.hard_joins), str(row.retries), row.fallback_text]
 
 
 def _row(label: str, cells: Sequence[str]) -> str:

@@ -1,219 +1,71 @@
-"""Stored JSON files: what each kind holds, as models, and the check of a file against them.
+"""Stored JSON files: the models that they are read as and written from, and the check of a file against them.
 
-Entries that a model does not name may be there; those that it names must be, of their type and in their range.
+Entries that a model does not name may be there, and are kept; those that it names must be, of their type and in their
+range. Traces, manifests and the index of clips are models of their own rooms (`trace.py`, `manifest.py`,
+`data/index.py`).
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, GetPydanticSchema, ValidationError
+from pydantic_core import core_schema, from_json
 
 from gesturegen import files
 from gesturegen.errors import DamagedError, DataError
 from gesturegen.stored.sealing import damaged, remade, sealed_text, unsealed_text
 
+_Item = TypeVar("_Item")
+
 # Frames and nodes are numbered in 31 bits.
 Number = Annotated[int, Field(ge=0, lt=1 << 31)]
-Figure = Annotated[float, Field(allow_inf_nan=False)]
+# A whole number stays one, so that it is written as it was.
+Figure = Annotated[
+    float,
+    GetPydanticSchema(
+        lambda *_: core_schema.union_schema(
+            [core_schema.int_schema(ge=-(1 << 63), lt=1 << 63), core_schema.float_schema(allow_inf_nan=False)],
+            custom_error_type="figure",
+            custom_error_message="Input should be a finite number",
+        )
+    ),
+]
 Distance = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Seed = Annotated[int, Field(ge=0)]
 Seconds = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
 Rate = Annotated[float, Field(gt=0, le=10_000, allow_inf_nan=False)]
 Row = dict[str, Figure | None]
+# A JSON array; what is in it is checked as strictly as all else.
+Many = Annotated[tuple[_Item, ...], Field(strict=False)]
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(strict=True, frozen=True, extra="ignore")
+class Part(BaseModel):
+    """Something inside a stored document: its entries cannot be changed."""
+
+    model_config = ConfigDict(strict=True, frozen=True, extra="allow")
 
 
-# --- clips/index.json ---------------------------------------------------------------------------------------
+class Document(Part):
+    """What a stored JSON file holds."""
 
+    def to_json(self) -> str:
+        """The text of the file, without its checksum. NaN and infinities, which JSON does not have, are a ValueError."""
+        return _format(self.model_dump(exclude_unset=True))
 
-class _Recording(_Model):
-    speaker: str | None
-    seconds: Seconds
-
-
-class _Test(_Recording):
-    audio: str | None = None
-    truth: str | None
-
-
-class Index(_Model):
-    """What `preprocess` leaves for later commands."""
-
-    format_version: int
-    settings: str
-    references: dict[str, _Recording]
-    tests: dict[str, _Test]
-    training_seconds: Seconds
-    failed: dict[str, str]
-
-
-# --- reenact/<clip>.trace.json ------------------------------------------------------------------------------
-
-
-class _KeyNode(_Model):
-    frame: Number
-    kind: Literal["onset", "keyword", "break"]
-    keyword: str
-
-
-class _Origin(_Model):
-    clip: str
-    start_node: Number
-    mirrored: bool = False
-
-
-class _Piece(_Model):
-    start_frame: Number
-    end_frame: Number
-    target_length: Number
-    end_kind: str
-    keyword: str
-    nodes: Annotated[list[Number], Field(min_length=1)]
-    cost: Figure
-    retries: Number
-    fallback: str | None
-    costs: dict[str, Figure] | None = None
-
-
-class _Join(_Model):
-    frame: Number
-    from_node: Number
-    to_node: Number
-    distance: Distance
-    natural: bool
-
-
-class _Demand(_Model):
-    place: Number
-    measure: Literal["height", "speed", "radius", "symmetry"]
-    hand: Literal["left", "right", "both"]
-    low: Figure | None
-    high: Figure | None
-    start_frame: Number
-    end_frame: Number
-    hard: bool
-    price: Figure
-    scale: Figure
-
-
-class _Failure(_Model):
-    start_frame: Number
-    end_frame: Number
-    end_kind: str
-    keyword: str
-
-
-class _Track(_Model):
-    joints: list[str]
-    pieces: list[_Piece]
-    joins: list[_Join]
-
-
-class Trace(_Model):
-    """What explains the frames of a clip."""
-
-    clip: str
-    method: str
-    search: str
-    seed: Seed
-    variant: Number = 1
-    graph: str
-    references: Annotated[list[_Origin], Field(min_length=1)]
-    fps: Rate
-    n_frames: Number
-    version: str
-    config_hash: str
-    key_nodes: list[_KeyNode]
-    pieces: list[_Piece]
-    joins: list[_Join]
-    pauses: list[Annotated[list[Number], Field(min_length=2, max_length=2)]]
-    objective: dict[str, dict[str, Figure]] | None
-    failure: _Failure | None
-    control: list[_Demand]
-    tracks: list[_Track]
-    notes: list[str]
-    inputs: str
-    bvh_sha256: str | None
-
-    @model_validator(mode="after")
-    def _fits_together(self) -> Trace:
-        starts = [reference.start_node for reference in self.references]
-        if starts[0] != 0 or any(b <= a for a, b in pairwise(starts)):
-            raise ValueError("the start nodes of the references do not rise from 0")
-        frames = [node.frame for node in self.key_nodes] + [end - 1 for _, end in self.pauses]
-        frames += [demand.end_frame - 1 for demand in self.control]
-        if any(frame >= self.n_frames for frame in frames) or any(d.start_frame >= d.end_frame for d in self.control):
-            raise ValueError(f"frames beyond the {self.n_frames} of the clip")
-        for track in (self, *self.tracks):
-            _require_gapless(track.pieces, track.joins, None if self.failure else self.n_frames)
-        return self
-
-
-def _require_gapless(pieces: Sequence[_Piece], joins: Sequence[_Join], n_frames: int | None) -> None:
-    """Pieces follow one another from frame 0 on, to the end where the search was not stuck."""
-    frame = 0
-    for piece in pieces:
-        if piece.start_frame != frame or piece.end_frame <= frame or piece.target_length != piece.end_frame - frame:
-            raise ValueError(f"the piece at frame {piece.start_frame} does not follow the one before")
-        frame = piece.end_frame
-    if n_frames is not None and frame != n_frames:
-        raise ValueError(f"pieces for {frame} of {n_frames} frames")
-    if [join.frame for join in joins] != [piece.start_frame for piece in pieces[1:]]:
-        raise ValueError("joins are not where pieces meet")
-
-
-# --- reenact/manifest.json ----------------------------------------------------------------------------------
-
-
-class _Clip(_Model):
-    clip: str
-    references: list[str]
-    stuck: bool
-    error: str | None
-    files: dict[str, str]
-    n_frames: Number = 0
-    pieces: Number = 0
-    hard_joins: Number = 0
-    retries: Number = 0
-    fallbacks: dict[str, Number] = {}
-
-    @model_validator(mode="after")
-    def _has_figures(self) -> _Clip:
-        if self.error is None or self.stuck:
-            missing = {"n_frames", "pieces", "hard_joins", "retries", "fallbacks"} - self.model_fields_set
-            if missing:
-                raise ValueError(f"no {min(missing)}")
-        return self
-
-
-class _Settings(_Model):
-    fps: Rate
-
-
-class Manifest(_Model):
-    """What `reenact` leaves of a run."""
-
-    gesturegen: str
-    method: str
-    search: str
-    seed: Seed
-    config_hash: str
-    clips: list[_Clip]
-    config: _Settings
+    @classmethod
+    def from_json(cls, text: str | bytes) -> Self:
+        """What a text holds; ValueError for one that is no JSON, ValidationError for one that lacks what it must have."""
+        return cls.model_validate(from_json(text, allow_inf_nan=False))
 
 
 # --- tables -------------------------------------------------------------------------------------------------
 
 
-class Summary(_Model):
+class Summary(Document):
     """The figures of `evaluate`; beside : of what they are compared with."""
 
     signature: dict[str, str | int]
@@ -223,19 +75,19 @@ class Summary(_Model):
     beside: dict[str, Row] = {}
 
 
-class _Setup(_Model):
+class _Setup(Part):
     mean: Row = {}
     spread: Row = {}
     paper: Row | None = None
 
 
-class Ablation(_Model):
+class Ablation(Document):
     """The table of `ablate`, as far as it is shown."""
 
     setups: dict[str, _Setup]
 
 
-class Lengths(_Model):
+class Lengths(Document):
     """The figures of `ablate` by length of the references, as far as they are shown."""
 
     lines: dict[str, list[dict[str, str | Figure | None]]]
@@ -244,22 +96,22 @@ class Lengths(_Model):
 # --- refiner.pt ---------------------------------------------------------------------------------------------
 
 
-class _Scale(_Model):
+class _Scale(Part):
     mean: list[Figure]
     scale: list[Figure]
 
 
-class _Scales(_Model):
+class _Scales(Part):
     audio: _Scale
     gesture: _Scale
 
 
-class _Description(_Model):
+class _Description(Part):
     joints: list[str]
     fps: Rate
 
 
-class _History(_Model):
+class _History(Part):
     reconstruction: list[float]
     distance: list[float]
     gradient_norm: list[float]
@@ -268,7 +120,7 @@ class _History(_Model):
     stopped: bool
 
 
-class _Networks(_Model):
+class _Networks(Part):
     generator: dict[str, Any]
     critic: dict[str, Any]
 
@@ -292,18 +144,24 @@ class Checkpoint(_Networks):
 # --- files --------------------------------------------------------------------------------------------------
 
 
-def write(path: str | Path, value: dict) -> None:
-    """Store a JSON object with a checksum; NaN and infinities, which JSON does not have, are a ValueError."""
-    write_text(path, json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+def write(path: str | Path, value: Document | Mapping) -> str:
+    """Store a document, or any JSON object, with a checksum; returns the hash of the whole file.
 
-
-def write_text(path: str | Path, text: str) -> str:
-    """Store the text of a JSON object with a checksum; returns the hash of the whole file."""
+    NaN and infinities, which JSON does not have, are a ValueError.
+    """
+    text = value.to_json() if isinstance(value, Document) else _format(value)
     return files.write_text(path, sealed_text(text))
 
 
-def read(path: str | Path, model: type[_Model], command: str) -> Any:
-    """The object in a stored JSON file, without its checksum.
+def _format(value: Mapping) -> str:
+    return json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+_Stored = TypeVar("_Stored", bound=Document)
+
+
+def read(path: str | Path, model: type[_Stored], command: str) -> _Stored:
+    """The document in a stored JSON file.
 
     Raises DataError for a file that cannot be read, DamagedError for one that is not as it was written or not as the
     model declares. command : what makes it again
@@ -317,16 +175,14 @@ def read(path: str | Path, model: type[_Model], command: str) -> Any:
         raise DataError(f"{path}: cannot be read ({error.strerror}); run `gesturegen {command}` again") from None
     text = unsealed_text(path, data, command)
     try:
-        value = json.loads(text, parse_constant=_refuse)
-        model.model_validate(value)
+        return model.from_json(text)
     except ValidationError as error:
         raise damaged(path, first_problem(error), command) from None
     except (ValueError, RecursionError) as error:
         raise damaged(path, f"not JSON: {str(error).splitlines()[0]}", command) from None
-    return value
 
 
-def damage(path: str | Path, model: type[_Model], command: str) -> list[str]:
+def damage(path: str | Path, model: type[Document], command: str) -> list[str]:
     """What to say of a stored JSON file that is about to be made again: nothing, or that it was damaged."""
     try:
         if Path(path).is_file():
@@ -334,10 +190,6 @@ def damage(path: str | Path, model: type[_Model], command: str) -> list[str]:
     except DamagedError as error:
         return [remade(error)]
     return []
-
-
-def _refuse(constant: str) -> None:
-    raise ValueError(f"{constant} is no number")
 
 
 def first_problem(error: ValidationError) -> str:

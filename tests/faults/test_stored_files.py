@@ -22,7 +22,9 @@ import pytest
 
 from gesturegen import submission
 from gesturegen.data import clips
+from gesturegen.data.index import Index
 from gesturegen.errors import DataError
+from gesturegen.manifest import Manifest
 from gesturegen.methods import libraries
 from gesturegen.methods.gesture_master import building as build_database
 from gesturegen.stored import arrays, documents
@@ -196,9 +198,9 @@ def forge(path: Path, rng: np.random.Generator) -> str:
 def read(path: Path):
     """What the commands read of a stored file."""
     if path.name == "index.json":
-        return documents.read(path, documents.Index, "preprocess")
+        return documents.read(path, Index, "preprocess")
     if path.name == "manifest.json":
-        return documents.read(path, documents.Manifest, "reenact")
+        return documents.read(path, Manifest, "reenact")
     if path.name == "summary.json":
         return documents.read(path, documents.Summary, "evaluate")
     if path.name.endswith(".trace.json"):

@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from gesturegen.data.clips import Speech
+from gesturegen.manifest import ClipRow, Manifest
 from gesturegen.motion import rotation
 from gesturegen.motion.skeleton import Motion, Skeleton
 from gesturegen.report import pack, page
 from gesturegen.settings.loading import load_config
 from gesturegen.speech.transcript import Word
+from gesturegen.submission import failed_row
+from gesturegen.trace import Trace
 from tests.builders import POSITIONS, ZXY, bursts
 
 FPS = 30.0
@@ -61,7 +64,7 @@ def waving(seconds: float, tempo: float = 1.0, skeleton: Skeleton | None = None,
     return Motion(skeleton, rotation.from_expmap(maps), np.tile(skeleton.offsets, (frames, 1, 1)), FPS)
 
 
-def trace(frames: int, clip: str = "clip") -> dict:
+def trace(frames: int, clip: str = "clip") -> Trace:
     """A trace of pieces of a second, with a join of each kind and a fallback, over two references of 100 frames."""
     pieces, joins = [], []
     for k, start in enumerate(range(0, frames, 30)):
@@ -77,10 +80,12 @@ def trace(frames: int, clip: str = "clip") -> dict:
             joins.append(
                 {"frame": start, "from_node": 0, "to_node": first, "distance": 7.0 * (k % 5), "natural": k % 5 == 0}
             )
-    return {
-        "clip": clip, "graph": "multi", "pieces": pieces, "joins": joins,
-        "references": [{"clip": "first", "start_node": 0}, {"clip": "second", "start_node": 100}],
-    }  # fmt: skip
+    return Trace(
+        clip=clip, method="motion_graph", search="beam", seed=0, graph="multi", fps=FPS, n_frames=frames, version="0",
+        config_hash="", references=[{"clip": "first", "start_node": 0}, {"clip": "second", "start_node": 100}],
+        key_nodes=(), pieces=pieces, joins=joins, pauses=(), objective=None, failure=None, control=(), tracks=(), notes=(),
+        inputs="", bvh_sha256=None,
+    )  # fmt: skip
 
 
 def speech(name: str, seconds: float) -> Speech:
@@ -114,16 +119,27 @@ def clip_text(
     return pack.inert_json(pack.pack_clip(spoken, KEYWORDS, motions, audio))
 
 
-def manifest(names, failed=()) -> dict:
+def manifest(names, failed=()) -> Manifest:
     config = load_config()
     rows = [
-        {"clip": name, "n_frames": 120, "pieces": 4, "hard_joins": 3, "retries": 0, "fallbacks": {}, "error": None}
+        ClipRow(
+            clip=name,
+            references=(),
+            n_frames=120,
+            pieces=4,
+            hard_joins=3,
+            retries=0,
+            fallbacks={},
+            stuck=False,
+            error=None,
+            files={},
+        )
         for name in names
-    ] + [{"clip": name, "error": "it broke"} for name in failed]
-    return {
-        "method": "motion_graph", "search": "beam", "seed": 0, "config_hash": config.signature(),
-        "gesturegen": "0", "clips": rows, "config": {"fps": 30},
-    }  # fmt: skip
+    ]
+    return Manifest(
+        method="motion_graph", search="beam", seed=0, config_hash=config.signature(), gesturegen="0",
+        clips=[*rows, *(failed_row(name, (), "it broke") for name in failed)], config={"fps": 30},
+    )  # fmt: skip
 
 
 def reference_length() -> dict:

@@ -16,7 +16,7 @@ from gesturegen.methods import libraries
 from gesturegen.report import lengths, page
 from gesturegen.settings.loading import load_config
 from gesturegen.stored import documents
-from gesturegen.submission import shown_nodes
+from gesturegen.submission import read_trace
 from tests import tiny
 from tests.builders import chain, write_clip
 from tests.commands import run, succeed
@@ -102,15 +102,15 @@ def test_every_clip_is_there_with_its_truth_its_sound_and_its_trace(recorded, wo
     for name, packed in clips.items():
         assert [motion["label"] for motion in packed["motions"]] == ["generated", "truth"]
         assert packed["frames"] == 60 and base64.b64decode(packed["audio"]["ogg"]).startswith(b"OggS")
-        trace = json.loads((work / f"reenact/{name}.trace.json").read_text())
-        graph = libraries.read(work / f"graphs/{trace['graph']}.npz")
+        trace = read_trace(work / f"reenact/{name}.trace.json")
+        graph = libraries.read(work / f"graphs/{trace.graph}.npz")
         told = packed["motions"][0]["trace"]
-        shown = shown_nodes(trace)
+        shown = trace.shown_nodes()
         assert told["source"] == graph.source_frames[shown].tolist()
         assert [told["references"][k] for k in told["reference"]] == [
             graph.clip_names[int(node >= graph.clip_starts[1])] for node in shown
         ]
-        assert len(told["pieces"]) == len(trace["pieces"]) and len(told["joins"]) == len(trace["joins"])
+        assert len(told["pieces"]) == len(trace.pieces) and len(told["joins"]) == len(trace.joins)
         assert packed["motions"][1]["trace"] is None and packed["notes"] == []
 
 

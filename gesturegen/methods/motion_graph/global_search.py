@@ -11,7 +11,6 @@ The search never fails: every node may be held.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -115,10 +114,11 @@ class Problem:
         stutter = round(self.settings.stutter_seconds * graph.fps)
         self.joins = joins_of(graph, self.settings.lambda_join, stutter, prices.config.continuity)
         # Rewards of the same gain count as one.
-        gains: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        gains: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
         for reward in prices.rewards:
-            gain, worth = gains.get(id(reward.gain), (reward.gain, 0.0))
-            gains[id(reward.gain)] = gain, worth + reward.worth
+            curve = reward.gain.tobytes()
+            gain, worth = gains.get(curve, (reward.gain, 0.0))
+            gains[curve] = gain, worth + reward.worth
         self.gains = np.array([gain for gain, _ in gains.values()]).reshape(-1, n_frames)
         self.worths = np.array([worth for _, worth in gains.values()]).reshape(-1, graph.n_nodes)
         self.actions = np.empty((n_frames, graph.n_nodes), dtype=np.int32)
@@ -208,12 +208,19 @@ class Problem:
         return kernels.marks(nodes, bounds, first, last, reach, NEAR_NODES, self.prices.graph.n_nodes, inside)
 
 
-@lru_cache(maxsize=1)
 def joins_of(graph: MotionGraph, lambda_join: float, stutter: int, metric: Continuity) -> kernels.Joins:
-    """Build the kernels' tables of a graph; test clips that share the graph share the tables too.
+    """Build the kernels' tables of a graph, which keeps the last of them: test clips that share it share these too.
 
     stutter : no join may jump so few frames or less, back or ahead, within a segment
     """
+    made_of = lambda_join, stutter, metric, MOST_GATES
+    if made_of not in graph.prepared:
+        graph.prepared.clear()  # they are large
+        graph.prepared[made_of] = _joins(graph, lambda_join, stutter, metric)
+    return graph.prepared[made_of]
+
+
+def _joins(graph: MotionGraph, lambda_join: float, stutter: int, metric: Continuity) -> kernels.Joins:
     nodes, ends = np.arange(graph.n_nodes), graph.segment_ends
     step = -(-graph.n_nodes // MOST_GATES)
     gates = np.union1d(nodes[::step], ends)  # where a segment ends a path must be able to leave it

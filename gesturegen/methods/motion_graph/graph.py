@@ -66,6 +66,11 @@ class MotionGraph(ReferenceFrames):
         """Compute the velocities of the poses, per frame, `[shape=(N, J * 3)]`."""
         return pose_distance.velocities(self.poses, self.segment_starts)
 
+    @cached_property
+    def prepared(self) -> dict:
+        """What searches have made of the graph and look up again, by what it depends on beside the graph."""
+        return {}
+
     def children(self, node: int) -> np.ndarray:
         """Return the nodes that edges lead to from a node, ascending."""
         return self.indices[self.indptr[node] : self.indptr[node + 1]]

@@ -162,7 +162,6 @@ def test_extreme_scales_of_positions(scale):
 
 def test_in_large_graphs_joins_lead_from_and_to_every_kth_node_and_segments_ends(monkeypatch):
     monkeypatch.setattr(global_search, "MOST_GATES", 6)
-    global_search.joins_of.cache_clear()
     rng = np.random.default_rng(5)
     joined = 0
     for _ in range(80):
@@ -174,7 +173,6 @@ def test_in_large_graphs_joins_lead_from_and_to_every_kth_node_and_segments_ends
         cost = plain.cost(nodes)
         assert cost["total"] - cost.get("repeats", 0.0) == close(plain.cheapest())
         joined += step > 1 and "distance" in cost
-    global_search.joins_of.cache_clear()
     assert joined > 4, joined
 
 
