@@ -7,9 +7,10 @@ its trace. A measure that lacks one of these is NaN.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from functools import reduce
+from typing import Any
 
 import numpy as np
 
@@ -170,8 +171,9 @@ def measure_clip(
         row |= _frechet([generated], [truth], config)
     if trace is not None and graph is not None:
         row |= _measure_trace(generated, trace, graph, config)
-        sides = [joints and (joints.relative, joints.curves) for joints in (generated, truth)]
-        row |= viewer.frechet_ratios(*sides, graph, recorded, config, trace.clip)
+        true = None if truth is None else (truth.relative, truth.curves)
+        made = (generated.relative, generated.curves)
+        row |= viewer.frechet_ratios(made, true, graph, recorded, config, trace.clip)
     return row
 
 
@@ -181,6 +183,7 @@ def seam_evidence(
     """Frames of a clip near its joins and far from them, as `viewer.detect_seams` takes them of all clips of a run."""
     by_name = {one.name: one for one in recorded}
     shown = [(by_name[name], mirrored) if name in by_name else None for name, mirrored in graph.clips]
+    assert generated.curves is not None  # who has a trace has a motion, not bare positions
     return viewer.seam_evidence(
         generated.curves, seam_frames(trace, graph), trace.shown_nodes(), graph.clip_starts, shown, n_clips
     )
@@ -225,8 +228,8 @@ def totals(
     if truths:
         pairs = list(zip(generated, truths, strict=True))
         total["hellinger"] = genea.hellinger_distance(
-            sum(_histogram(motion, config) for motion in generated),
-            sum(_histogram(motion, config) for motion in truths),
+            reduce(np.add, [_histogram(motion, config) for motion in generated]),
+            reduce(np.add, [_histogram(motion, config) for motion in truths]),
         )
         total |= _frechet(generated, truths, config)
         cut = [(a.relative[: len(b.relative)], b.relative[: len(a.relative)]) for a, b in pairs]
@@ -341,7 +344,7 @@ def genea_compat(
 ) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
     """Rows and total by the conventions of the published GENEA scripts (`metrics/genea.py`)."""
     rows: dict[str, dict[str, float]] = {}
-    pooled = {side: Counter() for side in ("generated", "truth")}
+    pooled: dict[str, dict[str, np.ndarray]] = {"generated": {}, "truth": {}}
     for name, joints in generated.items():
         own = genea.genea_compat(joints.world, fps=joints.fps)
         row = {"jerk": own.jerk, "acceleration": own.acceleration, "hellinger_1": NAN, "hellinger_0.05": NAN}
@@ -350,15 +353,19 @@ def genea_compat(
             row["hellinger_1"] = genea.hellinger_distance(own.histogram, true.histogram)
             row["hellinger_0.05"] = genea.hellinger_distance(own.fine_histogram, true.fine_histogram)
             for side, figures in (("generated", own), ("truth", true)):
-                pooled[side]["1"] = pooled[side]["1"] + figures.histogram
-                pooled[side]["0.05"] = pooled[side]["0.05"] + figures.fine_histogram
+                for width, histogram in (("1", figures.histogram), ("0.05", figures.fine_histogram)):
+                    before = pooled[side].get(width)
+                    pooled[side][width] = histogram if before is None else before + histogram
         rows[name] = row
     total = {
         key: float(np.mean([row[key] for row in rows.values()])) if rows else NAN for key in ("jerk", "acceleration")
     }
     for width in ("1", "0.05"):
-        both = pooled["generated"][width], pooled["truth"][width]
-        total[f"hellinger_{width}"] = genea.hellinger_distance(*both) if np.ndim(both[0]) else NAN
+        total[f"hellinger_{width}"] = (
+            genea.hellinger_distance(pooled["generated"][width], pooled["truth"][width])
+            if width in pooled["generated"]
+            else NAN
+        )
     return rows, total
 
 
@@ -370,10 +377,20 @@ CONTROL_HEADINGS = ("measure", "hand", "when", "asked", "mean", "deviation", "in
 
 def demands_of(trace: Trace) -> tuple[Demand, ...]:
     """What was demanded of the hands, as a trace tells it; nothing where it tells nothing."""
-    free = {"low": -math.inf, "high": math.inf}
-    asked = [{field.name: getattr(one, field.name) for field in fields(Demand)} for one in trace.control]
     return tuple(
-        Demand(**{name: free[name] if value is None else value for name, value in row.items()}) for row in asked
+        Demand(
+            place=one.place,
+            measure=one.measure,
+            hand=one.hand,
+            low=-math.inf if one.low is None else one.low,
+            high=math.inf if one.high is None else one.high,
+            start_frame=one.start_frame,
+            end_frame=one.end_frame,
+            hard=one.hard,
+            price=one.price,
+            scale=one.scale,
+        )
+        for one in trace.control
     )
 
 
@@ -382,9 +399,7 @@ def hand_curves(joints: Joints, config: Config) -> Measures:
     return hands.of_positions(joints.relative, joints.names, (0,), joints.fps, config.hands, joints.hands)
 
 
-def measure_control(
-    demands: Sequence[Demand], shown: Measures, recorded: Measures, fps: float
-) -> list[dict[str, str | float | int | bool | None]]:
+def measure_control(demands: Sequence[Demand], shown: Measures, recorded: Measures, fps: float) -> list[dict[str, Any]]:
     """What was achieved of each demand, ready for JSON: `Achieved` with its times in seconds.
 
     shown, recorded : the measures in the frames of the output and in the nodes of the references

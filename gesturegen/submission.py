@@ -56,31 +56,32 @@ def make_trace(
         seed=config.seed,
         variant=variant,
         graph=graph_name,
-        references=[
+        references=tuple(
             traces.Origin(clip=name, start_node=int(start), mirrored=mirrored)
             for (name, mirrored), start in zip(graph.clips, graph.clip_starts, strict=True)
-        ],
+        ),
         fps=graph.fps,
         n_frames=speech.n_frames,
         version=__version__,
         config_hash=config.signature(),
-        key_nodes=[
-            traces.KeyNode(frame=int(frame), kind=str(kind), keyword=str(keyword))
+        key_nodes=tuple(
+            traces.KeyNode.model_validate({"frame": int(frame), "kind": str(kind), "keyword": str(keyword)})
             for frame, kind, keyword in zip(key_nodes.frames, key_nodes.kinds, key_nodes.keywords, strict=True)
-        ],
-        pieces=[_trace_piece(piece) for piece in pieces],
+        ),
+        pieces=tuple(_trace_piece(piece) for piece in pieces),
         joins=_trace_joins(pieces, graph, config),
         pauses=runs(~keynodes.speaking(speech, config.pauses)).tolist(),
-        objective=path.objective,
-        failure=stuck
-        and traces.Failure(
+        objective=None if path.objective is None else {name: dict(terms) for name, terms in path.objective.items()},
+        failure=None
+        if stuck is None
+        else traces.Failure(
             start_frame=stuck.start_frame,
             end_frame=stuck.end_frame,
             end_kind=stuck.end_kind,
             keyword=stuck.keyword,
         ),
-        control=[_trace_demand(demand) for demand in path.demands],
-        tracks=[_trace_track(track, graph, config) for track in path.tracks[1:]],
+        control=tuple(_trace_demand(demand) for demand in path.demands),
+        tracks=tuple(_trace_track(track, graph, config) for track in path.tracks[1:]),
         notes=path.notes,
         inputs=inputs,
         bvh_sha256=None,
@@ -89,14 +90,17 @@ def make_trace(
 
 def _trace_demand(demand: Demand) -> traces.Demand:
     free = (-math.inf, math.inf)
-    return traces.Demand(**{name: None if value in free else value for name, value in vars(demand).items()})
+    return traces.Demand.model_validate(
+        {name: None if value in free else value for name, value in vars(demand).items()}
+    )
 
 
 def _trace_track(track: Track, graph: ReferenceFrames, config: Config) -> traces.Track:
     """A further track, which moves joints of its own."""
+    assert track.joints is not None  # only the first track of a path moves all joints
     return traces.Track(
         joints=track.joints,
-        pieces=[_trace_piece(piece) for piece in track.pieces],
+        pieces=tuple(_trace_piece(piece) for piece in track.pieces),
         joins=_trace_joins(track.pieces, graph, config),
     )
 
@@ -112,16 +116,16 @@ def _trace_piece(piece: Piece) -> traces.Piece:
         cost=piece.cost,
         retries=piece.retries,
         fallback=piece.fallback,
-        costs=piece.costs,
+        costs=None if piece.costs is None else dict(piece.costs),
     )
 
 
-def _trace_joins(pieces: Sequence[Piece], graph: ReferenceFrames, config: Config) -> list[traces.Join]:
+def _trace_joins(pieces: Sequence[Piece], graph: ReferenceFrames, config: Config) -> tuple[traces.Join, ...]:
     """A join's distance is from the left side's natural successor to the right side's first node."""
     lefts = np.array([piece.nodes[-1] for piece in pieces[:-1]], dtype=int)
     rights = np.array([piece.nodes[0] for piece in pieces[1:]], dtype=int)
     distances = graph.distances(graph.successors[lefts], rights, config.continuity)
-    return [
+    return tuple(
         traces.Join(
             frame=piece.target.start_frame,
             from_node=int(left),
@@ -130,7 +134,7 @@ def _trace_joins(pieces: Sequence[Piece], graph: ReferenceFrames, config: Config
             natural=bool(right == graph.successors[left]),
         )
         for piece, left, right, distance in zip(pieces[1:], lefts, rights, distances, strict=True)
-    ]
+    )
 
 
 def write_clip(folder: Path, name: str, motion: Motion | None, trace: Trace) -> dict[str, str]:
@@ -212,7 +216,7 @@ def manifest(results: Iterable[ClipRow], config: Config, variant: int = 1) -> Ma
         config_hash=config.signature(),
         n_clips=len(rows),
         n_failed=sum(row.error is not None for row in rows),
-        clips=rows,
+        clips=tuple(rows),
         config=json.loads(config.model_dump_json(by_alias=True, exclude={"paths"})),
     )
 
@@ -222,7 +226,7 @@ def clip_row(trace: Trace, written: Mapping[str, str]) -> ClipRow:
     stuck = trace.failure
     return ClipRow(
         clip=trace.clip,
-        references=[reference.clip for reference in trace.references],
+        references=tuple(reference.clip for reference in trace.references),
         graph=trace.graph,
         n_frames=trace.n_frames,
         pieces=len(trace.pieces),
@@ -230,14 +234,14 @@ def clip_row(trace: Trace, written: Mapping[str, str]) -> ClipRow:
         retries=trace.n_retries,
         fallbacks=trace.fallbacks,
         stuck=stuck is not None,
-        error=stuck and describe_failure(stuck, trace.fps),
+        error=None if stuck is None else describe_failure(stuck, trace.fps),
         files=dict(written),
     )
 
 
 def failed_row(name: str, references: Iterable[str], error: str) -> ClipRow:
     """What the manifest tells of a clip that could not be made."""
-    return ClipRow(clip=name, references=references, stuck=False, error=error, files={})
+    return ClipRow(clip=name, references=tuple(references), stuck=False, error=error, files={})
 
 
 def describe_failure(stuck: traces.Failure, fps: float) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -69,13 +70,15 @@ class Curves:
         """A statue in the pose of the middle frame."""
         statue = self.take(np.full(n_frames, self.n_frames // 2))
         moving = ("hand_speeds", "joint_speeds", "knee_accelerations", "velocities", *_BEATS)
-        return replace(statue, **{name: np.zeros_like(getattr(statue, name)) for name in moving})
+        still: dict[str, Any] = {name: np.zeros_like(getattr(statue, name)) for name in moving}
+        return replace(statue, **still)
 
 
 def joined(parts: Sequence[Curves]) -> Curves:
     """Curves one after the other; no speed is measured from one to the next."""
     arrays = [field.name for field in fields(Curves) if field.type == "np.ndarray"]
-    return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in arrays})
+    values: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in arrays}
+    return replace(parts[0], **values)
 
 
 _BEATS = ("joint_beats", "hand_beats", "angle_beats")
@@ -274,7 +277,7 @@ def beside_totals(found: Sequence[Beside]) -> dict[str, dict[str, float]]:
 
 
 def velocity_ratio(
-    curves: Curves, truth: Curves | None, recorded: Sequence[Recorded], config: Config, name: str
+    curves: Curves | None, truth: Curves | None, recorded: Sequence[Recorded], config: Config, name: str
 ) -> float:
     """Fréchet distance of wrist and head velocity over that of random stretches of the recordings of the same length.
 
@@ -283,10 +286,13 @@ def velocity_ratio(
     """
     # A recording of one frame has no stretch.
     sources = [one.curves.velocities for one in recorded if one.curves.velocities.shape[1] and one.curves.n_frames > 1]
-    aim = np.concatenate(sources) if truth is None and sources else truth and truth.velocities
-    if not sources or aim.shape[1] != curves.velocities.shape[1]:
+    if not sources or curves is None:
         return NAN
-    ours, floor = [], []
+    aim = np.concatenate(sources) if truth is None else truth.velocities
+    if aim.shape[1] != curves.velocities.shape[1]:
+        return NAN
+    ours: list[float] = []
+    floor: list[float] = []
     for number in range(config.evaluation.stretches):
         rng = generator(config.seed, f"{name} velocity {number}")
         source = sources[int(rng.integers(len(sources)))]
@@ -298,8 +304,8 @@ def velocity_ratio(
 
 
 def frechet_ratios(
-    generated: tuple[np.ndarray, Curves], truth: tuple[np.ndarray, Curves | None] | None, graph: ReferenceFrames,
-    recorded: Sequence[Recorded], config: Config, name: str,
+    generated: tuple[np.ndarray, Curves | None], truth: tuple[np.ndarray, Curves | None] | None,
+    graph: ReferenceFrames, recorded: Sequence[Recorded], config: Config, name: str,
 ) -> dict[str, float]:  # fmt: skip
     """All Fréchet distances of a clip over those of random stretches of its references.
 

@@ -127,7 +127,7 @@ def describe_trace(trace: Trace, library: ReferenceFrames | None = None) -> Trac
             config_hash=trace.config_hash,
             failure=trace.failure,
             seconds=trace.seconds,
-            references=[reference.clip for reference in trace.references if not reference.mirrored],
+            references=tuple(reference.clip for reference in trace.references if not reference.mirrored),
             mirrored=any(reference.mirrored for reference in trace.references),
             key_nodes=dict(sorted(kinds.items())),
             hard_joins=trace.n_hard_joins,
@@ -138,7 +138,7 @@ def describe_trace(trace: Trace, library: ReferenceFrames | None = None) -> Trac
             notes=trace.notes,
         ),
         pieces=_describe_pieces(trace, trace, library),
-        tracks=[
+        tracks=tuple(
             TrackFacts(
                 joints=track.joints,
                 hard_joins=track.n_hard_joins,
@@ -147,7 +147,7 @@ def describe_trace(trace: Trace, library: ReferenceFrames | None = None) -> Trac
                 pieces=_describe_pieces(trace, track, library),
             )
             for track in trace.tracks
-        ],
+        ),
     )
 
 
@@ -166,7 +166,7 @@ def is_of(trace: Trace, library: ReferenceFrames) -> bool:
     return len(own) < len(trace.references) or all(_gesture(trace, piece, library) is not None for piece in pieces)
 
 
-def _describe_pieces(trace: Trace, track: Trace | Track, library: ReferenceFrames | None) -> list[PieceFacts]:
+def _describe_pieces(trace: Trace, track: Trace | Track, library: ReferenceFrames | None) -> tuple[PieceFacts, ...]:
     joins = {join.frame: join for join in track.joins}
     pieces = []
     for piece in track.pieces:
@@ -188,11 +188,11 @@ def _describe_pieces(trace: Trace, track: Trace | Track, library: ReferenceFrame
                 retries=piece.retries,
                 fallback=piece.fallback,
                 costs=piece.costs,
-                join_distance=join and join.distance,
-                join_natural=join and join.natural,
+                join_distance=None if join is None else join.distance,
+                join_natural=None if join is None else join.natural,
             )
         )
-    return pieces
+    return tuple(pieces)
 
 
 def _gesture(trace: Trace, piece: Piece, library: ReferenceFrames | None) -> str | None:
@@ -282,7 +282,8 @@ def _body_lines(facts: TraceFacts) -> list[str]:
     header, pieces = facts.header, facts.pieces
     rests = sum(piece.end_kind == "rest" for piece in pieces)
     lines = [f"{count(len(pieces), 'piece')}, {rests} of them {'a rest' if rests == 1 else 'rests'}"]
-    for name, track in zip(_bodies(facts), [header, *facts.tracks], strict=False):
+    tracks: list[Header | TrackFacts] = [header, *facts.tracks]
+    for name, track in zip(_bodies(facts), tracks, strict=False):
         terms = (header.objective or {}).get(name)
         if terms is not None:
             lines.append(
@@ -305,11 +306,8 @@ def _terms(costs: Mapping[str, float] | None) -> str:
 def _body_rows(facts: TraceFacts) -> Iterable[tuple[str, ...]]:
     """The pieces of all tracks by time, at each time the upper body first."""
     upper = {piece.start_frame: piece for piece in facts.pieces}
-    rows = [
-        (piece.start_frame, number, piece)
-        for number, track in enumerate([facts, *facts.tracks])
-        for piece in track.pieces
-    ]
+    tracks: list[TraceFacts | TrackFacts] = [facts, *facts.tracks]
+    rows = [(piece.start_frame, number, piece) for number, track in enumerate(tracks) for piece in track.pieces]
     bodies = _bodies(facts)
     for frame, number, piece in sorted(rows, key=lambda row: row[:2]):
         above = upper.get(frame)

@@ -227,11 +227,12 @@ def _ablation(ablation: Ablation | None) -> str:
     if ablation.plot is not None:
         data = base64.b64encode(ablation.plot).decode("ascii")
         html += f'<img alt="Bar plot of the ablation: each setup by each measure" src="data:image/png;base64,{data}">'
-    setups = ablation.results.get("setups") if isinstance(ablation.results, dict) else None
+    results = ablation.results if isinstance(ablation.results, dict) else {}
+    setups = results.get("setups")
     if isinstance(setups, dict) and all(isinstance(setup, dict) for setup in setups.values()):
         scroll = 'class="scroll" tabindex="0" role="region" aria-label="Ablation table"'
-        html += f"<div {scroll}>{_ablation_table(setups, ablation.results.get('beside') or {})}</div>"
-        signature = ablation.results.get("signature") or {}
+        html += f"<div {scroll}>{_ablation_table(setups, results.get('beside') or {})}</div>"
+        signature = results.get("signature") or {}
         seeds = ", ".join(map(str, signature.get("seeds", [])))
         html += (
             "<p>Mean ± spread over seeds; below each setup, what the paper's Table 2 prints for it. "
