@@ -1,4 +1,4 @@
-"""The measures of §5.2 and ours, put together for one clip and for all clips of a run.
+"""The measures of the paper's §5.2 and of this project, computed for one clip and summed up for all clips of a run.
 
 `metrics/` holds the pure functions; here their inputs are gathered from a motion, its audio, its truth and
 its trace. A measure that lacks one of these is NaN.
@@ -7,9 +7,10 @@ its trace. A measure that lacks one of these is NaN.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from functools import reduce
+from typing import Any
 
 import numpy as np
 
@@ -45,13 +46,13 @@ NAN = float("nan")
 
 
 def measures(config: Config) -> list[Measure]:
-    """All columns, in order of printing."""
+    """List all measures that the tables show, in order of printing."""
     return table.measures(config.evaluation.frechet_windows)
 
 
 @dataclass(frozen=True, eq=False)
 class Joints:
-    """Where the joints of a motion are.
+    """The joint positions of a motion, with what the measures need to know of its skeleton.
 
     world : [shape=(T, K, 3)], selected joints, cm; relative : the same seen from the pelvis, as distances are
     feet : [shape=(T, F, 3)], world; parents : [shape=(K,)], among the selected joints, None where unknown
@@ -74,7 +75,7 @@ class Joints:
 
 @dataclass(frozen=True, eq=False)
 class Heard:
-    """What is known of a speech.
+    """The onsets, words and pauses of a speech, as far as they are known.
 
     onset_times : [shape=(K,)], seconds; words : starts and ends in seconds (onsets where a speech has none), None
     where only the sound is known; paused : bool [shape=(T,)], frames in its pauses, None likewise
@@ -85,11 +86,12 @@ class Heard:
     paused: np.ndarray | None = None
 
     def onset_frames(self, fps: float) -> np.ndarray:
+        """Round the onsets to frames, int `[shape=(K,)]`, ascending, each once."""
         return np.unique(np.round(self.onset_times * fps).astype(int))
 
 
 def locate(motion: Motion, config: Config) -> Joints:
-    """Forward kinematics of everything the measures look at."""
+    """Compute by forward kinematics the positions of all joints that the measures look at."""
     skeleton = motion.skeleton
     config = settings_for(skeleton, config)
     joints, _ = select_joints(skeleton, config)
@@ -113,7 +115,7 @@ def locate(motion: Motion, config: Config) -> Joints:
 
 
 def from_positions(positions: np.ndarray, config: Config) -> Joints:
-    """Bare joint positions `[shape=(T, K, 3)]`, such as other systems store: nothing else is known of them."""
+    """Wrap bare joint positions `[shape=(T, K, 3)]`, such as other systems store; nothing else is known of them."""
     root = positions[:, :1]
     nothing = np.empty((len(positions), 0, 3))
     return Joints(positions, positions - root, nothing, None, [], float(config.fps))
@@ -129,7 +131,7 @@ def measure_clip(
     reference_skate: float = NAN,
     recorded: Sequence[viewer.Recorded] = (),
 ) -> dict[str, float]:
-    """All measures of one clip; NaN for those that lack their evidence, or the other clips of the run.
+    """Compute all measures of one clip; NaN for those that lack their inputs or need the other clips of the run.
 
     trace and graph : of a clip that gesturegen made; reference_skate : foot skate of its references, cm/s
     recorded : the references of which anything is shown
@@ -170,24 +172,26 @@ def measure_clip(
         row |= _frechet([generated], [truth], config)
     if trace is not None and graph is not None:
         row |= _measure_trace(generated, trace, graph, config)
-        sides = [joints and (joints.relative, joints.curves) for joints in (generated, truth)]
-        row |= viewer.frechet_ratios(*sides, graph, recorded, config, trace.clip)
+        true = None if truth is None else (truth.relative, truth.curves)
+        made = (generated.relative, generated.curves)
+        row |= viewer.frechet_ratios(made, true, graph, recorded, config, trace.clip)
     return row
 
 
 def seam_evidence(
     generated: Joints, trace: Trace, graph: ReferenceFrames, recorded: Sequence[viewer.Recorded], n_clips: int
 ) -> viewer.SeamEvidence:
-    """Frames of a clip near its joins and far from them, as `viewer.detect_seams` takes them of all clips of a run."""
+    """Collect the frames of a clip near its joins and far from them, for `viewer.detect_seams` over a whole run."""
     by_name = {one.name: one for one in recorded}
     shown = [(by_name[name], mirrored) if name in by_name else None for name, mirrored in graph.clips]
+    assert generated.curves is not None  # who has a trace has a motion, not bare positions
     return viewer.seam_evidence(
         generated.curves, seam_frames(trace, graph), trace.shown_nodes(), graph.clip_starts, shown, n_clips
     )
 
 
 def _measure_rhythm(generated: Joints, words: Sequence[tuple[float, float]], config: Config) -> dict[str, float]:
-    """Agreement of words and hands in 32 bits (GestureMaster §3.2), over the clips of the speech that are no rests.
+    """Compare the rhythm of words and hands in 32 bits (GestureMaster §3.2), over all clips of the speech but rests.
 
     By chance: the same with the bits of the motion turned round within their clip, over all turns.
     """
@@ -203,18 +207,19 @@ def _measure_rhythm(generated: Joints, words: Sequence[tuple[float, float]], con
 
 
 def foot_skate(joints: Joints) -> feet.FootSkate:
+    """Measure the foot skate of a motion."""
     return feet.foot_skate(joints.feet, range(joints.feet.shape[1]), fps=joints.fps)
 
 
 def failed_row(config: Config) -> dict[str, float]:
-    """A clip without output: a failure, and nothing to measure."""
+    """Return the row of a clip without output: a failure, and NaN for every measure."""
     return {measure.key: NAN for measure in measures(config)} | {"failure": 1}
 
 
 def totals(
     rows: Sequence[Mapping[str, float]], generated: Sequence[Joints], truths: Sequence[Joints], config: Config
 ) -> dict[str, float]:
-    """One figure per measure for all clips: pooled where the measure is one of distributions, else the mean.
+    """Sum up each measure over all clips: pooled where the measure compares distributions, else the mean.
 
     generated, truths : the clips that have a truth, in the same order.
     """
@@ -225,8 +230,8 @@ def totals(
     if truths:
         pairs = list(zip(generated, truths, strict=True))
         total["hellinger"] = genea.hellinger_distance(
-            sum(_histogram(motion, config) for motion in generated),
-            sum(_histogram(motion, config) for motion in truths),
+            reduce(np.add, [_histogram(motion, config) for motion in generated]),
+            reduce(np.add, [_histogram(motion, config) for motion in truths]),
         )
         total |= _frechet(generated, truths, config)
         cut = [(a.relative[: len(b.relative)], b.relative[: len(a.relative)]) for a, b in pairs]
@@ -292,7 +297,7 @@ def _measure_trace(generated: Joints, trace: Trace, graph: ReferenceFrames, conf
 
 
 def _measure_wrists(generated: Joints, trace: Trace, graph: ReferenceFrames, shown: np.ndarray) -> dict[str, float]:
-    """Speeds of the wrists, against the same frames and against the pauses of the reference."""
+    """Compare the speeds of the wrists with those of the same reference frames and of the reference's pauses."""
     paused = np.zeros(len(shown), dtype=bool)
     for start, end in trace.pauses:
         paused[start:end] = True
@@ -317,14 +322,14 @@ def _ratio(value: float, other: float) -> float:
 
 
 def mean_foot_skate(skates: Sequence[tuple[feet.FootSkate, int]]) -> float:
-    """Foot skate of several motions, each with its number of frames, in cm/s; NaN where no foot is in contact."""
+    """Average the foot skate of several motions, each with its number of frames; cm/s, NaN if no foot is in contact."""
     weights = [skate.contact_share * frames for skate, frames in skates if np.isfinite(skate.speed)]
     speeds = [skate.speed for skate, _ in skates if np.isfinite(skate.speed)]
     return float(np.average(speeds, weights=weights)) if sum(weights) > 0 else NAN
 
 
 def seam_frames(trace: Trace, graph: ReferenceFrames) -> np.ndarray:
-    """Output frames `[shape=(K,)]` at which the right side of a hard join or of an unnatural edge starts."""
+    """Find the output frames `[shape=(K,)]` at which the right side of a hard join or of an unnatural edge starts."""
     frames = [join.frame for join in trace.joins if not join.natural]
     for piece in trace.pieces:
         nodes = np.asarray(piece.nodes)
@@ -339,9 +344,9 @@ def seam_frames(trace: Trace, graph: ReferenceFrames) -> np.ndarray:
 def genea_compat(
     generated: Mapping[str, Joints], truths: Mapping[str, Joints]
 ) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
-    """Rows and total by the conventions of the published GENEA scripts (`metrics/genea.py`)."""
+    """Compute rows and total by the conventions of the published GENEA scripts (`metrics/genea.py`)."""
     rows: dict[str, dict[str, float]] = {}
-    pooled = {side: Counter() for side in ("generated", "truth")}
+    pooled: dict[str, dict[str, np.ndarray]] = {"generated": {}, "truth": {}}
     for name, joints in generated.items():
         own = genea.genea_compat(joints.world, fps=joints.fps)
         row = {"jerk": own.jerk, "acceleration": own.acceleration, "hellinger_1": NAN, "hellinger_0.05": NAN}
@@ -350,15 +355,19 @@ def genea_compat(
             row["hellinger_1"] = genea.hellinger_distance(own.histogram, true.histogram)
             row["hellinger_0.05"] = genea.hellinger_distance(own.fine_histogram, true.fine_histogram)
             for side, figures in (("generated", own), ("truth", true)):
-                pooled[side]["1"] = pooled[side]["1"] + figures.histogram
-                pooled[side]["0.05"] = pooled[side]["0.05"] + figures.fine_histogram
+                for width, histogram in (("1", figures.histogram), ("0.05", figures.fine_histogram)):
+                    before = pooled[side].get(width)
+                    pooled[side][width] = histogram if before is None else before + histogram
         rows[name] = row
     total = {
         key: float(np.mean([row[key] for row in rows.values()])) if rows else NAN for key in ("jerk", "acceleration")
     }
     for width in ("1", "0.05"):
-        both = pooled["generated"][width], pooled["truth"][width]
-        total[f"hellinger_{width}"] = genea.hellinger_distance(*both) if np.ndim(both[0]) else NAN
+        total[f"hellinger_{width}"] = (
+            genea.hellinger_distance(pooled["generated"][width], pooled["truth"][width])
+            if width in pooled["generated"]
+            else NAN
+        )
     return rows, total
 
 
@@ -369,23 +378,31 @@ CONTROL_HEADINGS = ("measure", "hand", "when", "asked", "mean", "deviation", "in
 
 
 def demands_of(trace: Trace) -> tuple[Demand, ...]:
-    """What was demanded of the hands, as a trace tells it; nothing where it tells nothing."""
-    free = {"low": -math.inf, "high": math.inf}
-    asked = [{field.name: getattr(one, field.name) for field in fields(Demand)} for one in trace.control]
+    """Rebuild the demands on the hands from a trace; none where the trace holds none."""
     return tuple(
-        Demand(**{name: free[name] if value is None else value for name, value in row.items()}) for row in asked
+        Demand(
+            place=one.place,
+            measure=one.measure,
+            hand=one.hand,
+            low=-math.inf if one.low is None else one.low,
+            high=math.inf if one.high is None else one.high,
+            start_frame=one.start_frame,
+            end_frame=one.end_frame,
+            hard=one.hard,
+            price=one.price,
+            scale=one.scale,
+        )
+        for one in trace.control
     )
 
 
 def hand_curves(joints: Joints, config: Config) -> Measures:
-    """Every measure of the hands in every frame of a motion, as the nodes of a library are measured."""
+    """Compute every measure of the hands in every frame of a motion, as it is computed for the nodes of a library."""
     return hands.of_positions(joints.relative, joints.names, (0,), joints.fps, config.hands, joints.hands)
 
 
-def measure_control(
-    demands: Sequence[Demand], shown: Measures, recorded: Measures, fps: float
-) -> list[dict[str, str | float | int | bool | None]]:
-    """What was achieved of each demand, ready for JSON: `Achieved` with its times in seconds.
+def measure_control(demands: Sequence[Demand], shown: Measures, recorded: Measures, fps: float) -> list[dict[str, Any]]:
+    """Measure what was achieved of each demand, ready for JSON: `Achieved` with its times in seconds.
 
     shown, recorded : the measures in the frames of the output and in the nodes of the references
     """
@@ -394,7 +411,7 @@ def measure_control(
 
 
 def control_cells(row: Mapping) -> list[str]:
-    """One row of `measure_control` as text, a cell for each of `CONTROL_HEADINGS`."""
+    """Format one row of `measure_control` as text, a cell for each of `CONTROL_HEADINGS`."""
     unit = UNITS[row["measure"]]
     bounds = [
         f"{words} {row[name]:.1f} {unit}"

@@ -1,4 +1,4 @@
-"""What `reenact` leaves of a run: a `Manifest`, stored as `reenact/manifest.json` (docs/files.md)."""
+"""The manifest of a run of `reenact`, stored as `reenact/manifest.json` (docs/files.md)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _RATE = TypeAdapter(Rate)
 
 
 class ClipRow(Part):
-    """The figures of one clip, those of a clip that failed left out.
+    """The row of one clip in the manifest; a clip that failed has no figures.
 
     clip, references, graph : names; n_frames : of the speech; pieces : how many; hard_joins : joins that leave the
     recording; retries : how often the search began a piece anew; fallbacks : pieces that gave way, by what did
@@ -42,7 +42,7 @@ class ClipRow(Part):
 
     @property
     def fallback_text(self) -> str:
-        """What gave way in how many pieces."""
+        """Say what the search gave up, and in how many pieces."""
         return ", ".join(f"{count} {kind}" for kind, count in self.fallbacks.items()) or "none"
 
 
@@ -54,7 +54,7 @@ def _with_rate(config: dict[str, Any]) -> dict[str, Any]:
 
 
 class Manifest(Document):
-    """What was run, on what, with which figures and file hashes; the same for the same inputs.
+    """The settings, inputs, figures and file hashes of a run; the same for the same inputs.
 
     gesturegen : its version; variant : its number, from 1; clips : all test clips, by name, `n_failed` of which have an
     error; config : all settings but the folders
@@ -73,10 +73,10 @@ class Manifest(Document):
 
     @property
     def fps(self) -> float:
-        """Frames per second of the motions."""
+        """Return the frames per second of the motions."""
         return self.config["fps"]
 
     @property
     def made(self) -> list[ClipRow]:
-        """The clips that have a motion."""
+        """List the clips that have a motion."""
         return [row for row in self.clips if row.error is None]

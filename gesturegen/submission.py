@@ -1,4 +1,4 @@
-"""What a run leaves behind: BVH files, traces that explain every frame, the manifest, and the check of them."""
+"""The files that a run writes: BVH, traces that explain every frame, and the manifest; with the check of them."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def make_trace(
     path: SearchPath, graph: ReferenceFrames, graph_name: str, speech: Speech, key_nodes: KeyNodes, config: Config,
     variant: int = 1, inputs: str = "",
 ) -> Trace:  # fmt: skip
-    """Everything needed to explain a clip's frames, as it is before the clip is written.
+    """Build the trace that explains a clip's frames, as it is before the clip is written.
 
     inputs : a hash of all that the path was made of
     """
@@ -56,31 +56,32 @@ def make_trace(
         seed=config.seed,
         variant=variant,
         graph=graph_name,
-        references=[
+        references=tuple(
             traces.Origin(clip=name, start_node=int(start), mirrored=mirrored)
             for (name, mirrored), start in zip(graph.clips, graph.clip_starts, strict=True)
-        ],
+        ),
         fps=graph.fps,
         n_frames=speech.n_frames,
         version=__version__,
         config_hash=config.signature(),
-        key_nodes=[
-            traces.KeyNode(frame=int(frame), kind=str(kind), keyword=str(keyword))
+        key_nodes=tuple(
+            traces.KeyNode.model_validate({"frame": int(frame), "kind": str(kind), "keyword": str(keyword)})
             for frame, kind, keyword in zip(key_nodes.frames, key_nodes.kinds, key_nodes.keywords, strict=True)
-        ],
-        pieces=[_trace_piece(piece) for piece in pieces],
+        ),
+        pieces=tuple(_trace_piece(piece) for piece in pieces),
         joins=_trace_joins(pieces, graph, config),
         pauses=runs(~keynodes.speaking(speech, config.pauses)).tolist(),
-        objective=path.objective,
-        failure=stuck
-        and traces.Failure(
+        objective=None if path.objective is None else {name: dict(terms) for name, terms in path.objective.items()},
+        failure=None
+        if stuck is None
+        else traces.Failure(
             start_frame=stuck.start_frame,
             end_frame=stuck.end_frame,
             end_kind=stuck.end_kind,
             keyword=stuck.keyword,
         ),
-        control=[_trace_demand(demand) for demand in path.demands],
-        tracks=[_trace_track(track, graph, config) for track in path.tracks[1:]],
+        control=tuple(_trace_demand(demand) for demand in path.demands),
+        tracks=tuple(_trace_track(track, graph, config) for track in path.tracks[1:]),
         notes=path.notes,
         inputs=inputs,
         bvh_sha256=None,
@@ -89,14 +90,17 @@ def make_trace(
 
 def _trace_demand(demand: Demand) -> traces.Demand:
     free = (-math.inf, math.inf)
-    return traces.Demand(**{name: None if value in free else value for name, value in vars(demand).items()})
+    return traces.Demand.model_validate(
+        {name: None if value in free else value for name, value in vars(demand).items()}
+    )
 
 
 def _trace_track(track: Track, graph: ReferenceFrames, config: Config) -> traces.Track:
-    """A further track, which moves joints of its own."""
+    """Convert a further track, which moves joints of its own, for the trace."""
+    assert track.joints is not None  # only the first track of a path moves all joints
     return traces.Track(
         joints=track.joints,
-        pieces=[_trace_piece(piece) for piece in track.pieces],
+        pieces=tuple(_trace_piece(piece) for piece in track.pieces),
         joins=_trace_joins(track.pieces, graph, config),
     )
 
@@ -112,16 +116,16 @@ def _trace_piece(piece: Piece) -> traces.Piece:
         cost=piece.cost,
         retries=piece.retries,
         fallback=piece.fallback,
-        costs=piece.costs,
+        costs=None if piece.costs is None else dict(piece.costs),
     )
 
 
-def _trace_joins(pieces: Sequence[Piece], graph: ReferenceFrames, config: Config) -> list[traces.Join]:
-    """A join's distance is from the left side's natural successor to the right side's first node."""
+def _trace_joins(pieces: Sequence[Piece], graph: ReferenceFrames, config: Config) -> tuple[traces.Join, ...]:
+    """Describe the joins of pieces; distances run from the left side's natural successor to the right's first node."""
     lefts = np.array([piece.nodes[-1] for piece in pieces[:-1]], dtype=int)
     rights = np.array([piece.nodes[0] for piece in pieces[1:]], dtype=int)
     distances = graph.distances(graph.successors[lefts], rights, config.continuity)
-    return [
+    return tuple(
         traces.Join(
             frame=piece.target.start_frame,
             from_node=int(left),
@@ -130,7 +134,7 @@ def _trace_joins(pieces: Sequence[Piece], graph: ReferenceFrames, config: Config
             natural=bool(right == graph.successors[left]),
         )
         for piece, left, right, distance in zip(pieces[1:], lefts, rights, distances, strict=True)
-    ]
+    )
 
 
 def write_clip(folder: Path, name: str, motion: Motion | None, trace: Trace) -> dict[str, str]:
@@ -149,19 +153,19 @@ def write_clip(folder: Path, name: str, motion: Motion | None, trace: Trace) -> 
 
 
 def kept_clip(folder: Path, name: str, trace: Trace) -> dict[str, str]:
-    """The hashes of the files of a clip that an earlier run wrote, as `write_clip` returned them then."""
+    """Return the hashes of the files of a clip that an earlier run wrote, as `write_clip` returned them then."""
     digest, path = trace.bvh_sha256, folder / f"{name}.trace.json"
     return ({f"{name}.bvh": digest} if digest else {}) | {path.name: files.sha256(path)}
 
 
 def remove_clip(folder: Path, name: str) -> None:
-    """Results of an earlier run must not pass for this one's."""
+    """Remove a clip's files of an earlier run, so that they do not pass for results of this run."""
     for suffix in (".bvh", ".trace.json"):
         (folder / f"{name}{suffix}").unlink(missing_ok=True)
 
 
 def read_trace_if_current(folder: Path, name: str, inputs: str) -> Trace | None:
-    """The trace of a written clip when it was made of `inputs`; else None.
+    """Read the trace of a written clip if the clip was made of `inputs`; else return None.
 
     DamagedError when it or its BVH is not as it was written.
     """
@@ -179,7 +183,7 @@ def read_trace_if_current(folder: Path, name: str, inputs: str) -> Trace | None:
 
 
 def read_trace(path: Path) -> Trace:
-    """A stored trace; DataError when it cannot be read, DamagedError when it is not as it was written."""
+    """Read a stored trace; DataError when it cannot be read, DamagedError when it is not as it was written."""
     found = documents.read(path, Trace, "reenact")
     if found.method not in METHODS:
         raise DamagedError(
@@ -190,7 +194,7 @@ def read_trace(path: Path) -> Trace:
 
 
 def require_unchanged(path: Path, trace: Trace) -> None:
-    """DamagedError for a BVH file that is not the one its trace was written with."""
+    """Raise DamagedError for a BVH file that is not the one its trace was written with."""
     digest = files.sha256(path) if path.is_file() else None
     if digest != trace.bvh_sha256:
         change = "missing" if digest is None else "not as it was written beside its trace"
@@ -198,7 +202,7 @@ def require_unchanged(path: Path, trace: Trace) -> None:
 
 
 def manifest(results: Iterable[ClipRow], config: Config, variant: int = 1) -> Manifest:
-    """What was run, on what, with which figures and file hashes; the same for the same inputs.
+    """Build the manifest of a run: settings, inputs, figures and file hashes; the same for the same inputs.
 
     results : one row per test clip, of `clip_row` or of `failed_row`
     """
@@ -212,17 +216,17 @@ def manifest(results: Iterable[ClipRow], config: Config, variant: int = 1) -> Ma
         config_hash=config.signature(),
         n_clips=len(rows),
         n_failed=sum(row.error is not None for row in rows),
-        clips=rows,
+        clips=tuple(rows),
         config=json.loads(config.model_dump_json(by_alias=True, exclude={"paths"})),
     )
 
 
 def clip_row(trace: Trace, written: Mapping[str, str]) -> ClipRow:
-    """The figures of one clip for the manifest and the summary; written : the hashes that `write_clip` returned."""
+    """Gather the figures of one clip for manifest and summary; written : the hashes that `write_clip` returned."""
     stuck = trace.failure
     return ClipRow(
         clip=trace.clip,
-        references=[reference.clip for reference in trace.references],
+        references=tuple(reference.clip for reference in trace.references),
         graph=trace.graph,
         n_frames=trace.n_frames,
         pieces=len(trace.pieces),
@@ -230,18 +234,18 @@ def clip_row(trace: Trace, written: Mapping[str, str]) -> ClipRow:
         retries=trace.n_retries,
         fallbacks=trace.fallbacks,
         stuck=stuck is not None,
-        error=stuck and describe_failure(stuck, trace.fps),
+        error=None if stuck is None else describe_failure(stuck, trace.fps),
         files=dict(written),
     )
 
 
 def failed_row(name: str, references: Iterable[str], error: str) -> ClipRow:
-    """What the manifest tells of a clip that could not be made."""
-    return ClipRow(clip=name, references=references, stuck=False, error=error, files={})
+    """Return the manifest row of a clip that could not be made."""
+    return ClipRow(clip=name, references=tuple(references), stuck=False, error=error, files={})
 
 
 def describe_failure(stuck: traces.Failure, fps: float) -> str:
-    """Why a search got stuck and what helps, in one line."""
+    """Say in one line why a search got stuck and what helps."""
     what = f"keyword {stuck.keyword!r}" if stuck.keyword else f"{stuck.end_kind} node"
     return (
         f"no path for the piece from {stuck.start_frame / fps:.2f} to {stuck.end_frame / fps:.2f} s that ends at a {what}; "
@@ -253,12 +257,13 @@ def check_motion(
     path: Path, skeletons: Sequence[Skeleton], n_frames: int | None, fps: float,
     recorded_turns: Callable[[], Mapping[str, float]] = dict, speaking: Callable[[], np.ndarray | None] = lambda: None,
 ) -> tuple[list[str], list[str]]:  # fmt: skip
-    """What is wrong with a BVH file as a challenge submission, and what is odd, one line each.
+    """Check a BVH file as a challenge submission: return what is wrong and what is odd, one line each.
 
     skeletons : those of the training data, one of which it must have; n_frames : of its speech, None where
     unknown; recorded_turns : gives the fastest turn of each joint in the training data, in degrees a second; it is
     called only when one turns faster than bodies do; speaking : gives the frames in which the speech goes on, bool
-    `[shape=(n_frames,)]`, None where unknown, and is called only when there is a stretch without motion. Raises nothing: a file that cannot be read is one of the problems.
+    `[shape=(n_frames,)]`, None where unknown, and is called only when there is a stretch without motion. Raises
+    nothing: a file that cannot be read is one of the problems.
     """
     if not path.is_file():
         return [f"{path}: missing"], []
@@ -279,12 +284,12 @@ def check_motion(
 
 
 def turns_per_second(motion: Motion) -> np.ndarray:
-    """How fast each joint turns between frames, in degrees a second `[shape=(T - 1, J)]`."""
+    """Compute how fast each joint turns between frames, in degrees a second `[shape=(T - 1, J)]`."""
     return np.degrees(rotation.angle_between(motion.rotations[:-1], motion.rotations[1:])) * motion.fps
 
 
 def _torn_frames(path: Path, motion: Motion, recorded_turns: Callable[[], Mapping[str, float]]) -> list[str]:
-    """Joints that turn faster than a body can and than the recordings do, the worst frame of each."""
+    """List the joints that turn faster than a body can and than the recordings do, with the worst frame of each."""
     turns = turns_per_second(motion)
     if not turns.size or turns.max() <= LARGEST_TURN_DEGREES_PER_SECOND:
         return []
@@ -301,7 +306,7 @@ def _torn_frames(path: Path, motion: Motion, recorded_turns: Callable[[], Mappin
 def _still_stretches(
     path: Path, motion: Motion, speaking: Callable[[], np.ndarray | None]
 ) -> tuple[list[str], list[str]]:
-    """Stretches of over a second in which no channel changes: those in which the speech goes on, and the others."""
+    """List stretches of over a second in which no channel changes: those while the speech goes on, and the others."""
     turns = np.degrees(rotation.angle_between(motion.rotations[:-1], motion.rotations[1:]))
     moves = np.abs(np.diff(motion.positions, axis=0))
     still = (turns < STILL_DEGREES).all(axis=1) & (moves < STILL_DISTANCE).all(axis=(1, 2))

@@ -1,4 +1,4 @@
-"""What explains the frames of a gestured clip: a `Trace`, stored as `reenact/<clip>.trace.json` (docs/files.md).
+"""The trace that explains the frames of a gestured clip, stored as `reenact/<clip>.trace.json` (docs/files.md).
 
 Frames number those of the speech, from 0; nodes number the frames of the references, one clip after the other. A range
 ends before its `end_frame`. Distances and costs are those of the search, without unit.
@@ -24,7 +24,7 @@ GESTURE_PREFIX = "gesture:"
 
 
 class KeyNode(Part):
-    """A frame of the speech at which a piece is to end, and the keyword that is said there, else an empty text."""
+    """A frame of the speech at which a piece is to end, with the keyword that is said there, else an empty text."""
 
     frame: Number
     kind: Literal["onset", "keyword", "break"]
@@ -32,7 +32,7 @@ class KeyNode(Part):
 
 
 class Origin(Part):
-    """A reference whose frames the nodes from `start_node` on are; as recorded, or mirrored."""
+    """A reference clip, as recorded or mirrored, and the node of its first frame."""
 
     clip: str
     start_node: Number
@@ -40,12 +40,12 @@ class Origin(Part):
 
     @property
     def is_gesture(self) -> bool:
-        """Whether it is a gesture of a library and no reference clip."""
+        """Tell whether this is a gesture of a library rather than a reference clip."""
         return self.clip.startswith(GESTURE_PREFIX)
 
 
 class Piece(Part):
-    """The nodes found for one stretch of the speech, as searched, before resampling to `target_length` frames.
+    """The nodes chosen for one stretch of the speech, as searched, before resampling to `target_length` frames.
 
     cost : of the path, `costs` by term where the search has terms; retries : how many the search needed
     fallback : None, or what had to give way
@@ -63,13 +63,13 @@ class Piece(Part):
     costs: dict[str, Figure] | None = None
 
     def shown_nodes(self) -> np.ndarray:
-        """The node nearest to what each of its frames shows, int `[shape=(target_length,)]`."""
+        """Compute the node nearest to what each frame of the piece shows, int `[shape=(target_length,)]`."""
         places = np.round(resampled_indices(len(self.nodes), self.target_length)).astype(int)
         return np.array(self.nodes)[places]
 
 
 class Join(Part):
-    """Where two pieces meet: the last node of one, the first of the next, and the distance of their poses.
+    """The join of two pieces: the last node of one, the first of the next, and the distance of their poses.
 
     frame : the first of the next; natural : whether the nodes follow one another in a recording
     """
@@ -82,7 +82,7 @@ class Join(Part):
 
 
 class Demand(Part):
-    """What a condition asked of the hands (`control.schedule.Demand`); None for a bound that was not asked for.
+    """A demand of a condition on the hands (`control.schedule.Demand`); None for a bound that was not asked for.
 
     low, high : in cm or cm/s
     """
@@ -109,7 +109,7 @@ class Failure(Part):
 
 
 class _Walk:
-    """What the pieces of some joints and their joins add up to."""
+    """The totals over the pieces and joins of one track."""
 
     if TYPE_CHECKING:
         pieces: tuple[Piece, ...]
@@ -117,22 +117,22 @@ class _Walk:
 
     @property
     def n_hard_joins(self) -> int:
-        """The joins that leave the recording."""
+        """Count the joins that leave the recording."""
         return sum(not join.natural for join in self.joins)
 
     @property
     def n_retries(self) -> int:
-        """How often the search began a piece anew."""
+        """Count how often the search began a piece anew."""
         return sum(piece.retries for piece in self.pieces)
 
     @property
     def fallbacks(self) -> dict[str, int]:
-        """How many pieces had to give way, by what gave way."""
+        """Count the pieces whose search fell back, by what was given up."""
         return dict(sorted(Counter(piece.fallback for piece in self.pieces if piece.fallback).items()))
 
 
 class Track(Part, _Walk):
-    """Joints that move by themselves, with the pieces and joins of their own."""
+    """A group of joints that move independently of the others, with their pieces and joins."""
 
     joints: Many[str]
     pieces: Many[Piece]
@@ -140,7 +140,7 @@ class Track(Part, _Walk):
 
 
 class Trace(Document, _Walk):
-    """What explains the frames of a clip.
+    """The trace of a clip: which reference frames it shows, why, and what is needed to make it again.
 
     seed, config_hash, version : what a second run needs for the same bytes; variant : its number, from 1
     graph : the name of what was searched; references : of whose frames it and the gestures shown besides are made
@@ -190,55 +190,55 @@ class Trace(Document, _Walk):
 
     @property
     def seconds(self) -> float:
-        """How long the clip is."""
+        """Return the length of the clip in seconds."""
         return self.n_frames / self.fps
 
     @property
     def all_tracks(self) -> tuple[Trace | Track, ...]:
-        """Everything with pieces and joins: the trace itself, whose pieces move the first joints, and its other tracks."""
+        """Return all tracks: the trace itself, which holds the pieces and joins of the first, and the others."""
         return (self, *self.tracks)
 
     @property
     def all_pieces(self) -> list[Piece]:
-        """The pieces of all tracks, one track after the other."""
+        """List the pieces of all tracks, one track after the other."""
         return [piece for track in self.all_tracks for piece in track.pieces]
 
     @property
     def start_nodes(self) -> list[int]:
-        """The first node of each reference."""
+        """List the first node of each reference."""
         return [reference.start_node for reference in self.references]
 
     def shown_nodes(self) -> np.ndarray:
-        """The node nearest to what the first track shows in each frame, int `[shape=(n_frames,)]`."""
+        """Compute the node nearest to what the first track shows in each frame, int `[shape=(n_frames,)]`."""
         return np.concatenate([piece.shown_nodes() for piece in self.pieces])
 
     def shown_clips(self) -> list[str]:
-        """The reference clips of which anything is shown, in any track; gestures of a library are none."""
+        """List the reference clips of which any track shows a frame, without the gestures of a library."""
         pieces = self.all_pieces
         nodes = np.concatenate([piece.nodes for piece in pieces]) if pieces else np.empty(0)
         shown = np.unique(np.searchsorted(self.start_nodes, nodes, side="right") - 1)
         return sorted({self.references[k].clip for k in shown if not self.references[k].is_gesture})
 
     def require_nodes(self, n_nodes: int) -> None:
-        """DataError for a trace that walks over nodes that its library of `n_nodes` lacks."""
+        """Raise DataError if the trace names nodes that its library of `n_nodes` lacks."""
         last = max((max(piece.nodes) for piece in self.all_pieces), default=-1)
         joined = (max(join.from_node, join.to_node) for track in self.all_tracks for join in track.joins)
         if max(last, *joined, -1) >= n_nodes:
             raise self.of_another_graph()
 
     def of_another_graph(self) -> DataError:
-        """What to raise where its nodes are not those of the graph that it names."""
+        """Build the error for a trace whose nodes are not those of the graph that it names."""
         return DataError(
             f"clip {self.clip}: its trace is of another graph than {self.graph}; run `gesturegen reenact` again"
         )
 
     def to_json(self) -> str:
-        """JSON with one line for each piece, join and key node, so that a person can read it too."""
+        """Format the trace as JSON with one line for each piece, join and key node, so that people can read it too."""
         return format_lines(self.model_dump(exclude_unset=True))
 
 
 def format_lines(value: dict) -> str:
-    """JSON of an object with one line for each row of its lists."""
+    """Format an object as JSON with one line for each row of its lists."""
     lines = []
     for key, entry in value.items():
         if isinstance(entry, list | tuple) and entry:
@@ -250,7 +250,7 @@ def format_lines(value: dict) -> str:
 
 
 def _require_gapless(pieces: Sequence[Piece], joins: Sequence[Join], n_frames: int | None) -> None:
-    """Pieces follow one another from frame 0 on, to the end where the search was not stuck."""
+    """Check that pieces follow one another from frame 0 on, to the end where the search was not stuck."""
     frame = 0
     for piece in pieces:
         if piece.start_frame != frame or piece.end_frame <= frame or piece.target_length != piece.end_frame - frame:

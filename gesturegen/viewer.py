@@ -1,4 +1,4 @@
-"""What a viewer complains of, in one motion: its curves, and the measures of them that need no truth and no trace.
+"""Measures of what viewers complain of in a motion (still hands, knees, beats, visible joins), without truth or trace.
 
 `evaluation` puts these together with the others; the same measures are taken of the recording itself, of the truth,
 of random stretches of the recording and of a statue, which stand beside every figure.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +36,7 @@ _SOURCE_FOLDS = 5
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """A motion frame by frame, as the measures look at it; arrays are `[shape=(T, ...)]`.
+    """The curves of a motion that the measures are computed from, frame by frame; arrays are `[shape=(T, ...)]`.
 
     hand_speeds : of each hand, seen from the pelvis and its heading, cm/s; joint_speeds : of all joints, likewise
     knee_angles, knee_accelerations : degrees and degrees/s^2
@@ -58,24 +59,27 @@ class Curves:
 
     @property
     def n_frames(self) -> int:
+        """Count the frames of the motion."""
         return len(self.hand_speeds)
 
     def take(self, frames: np.ndarray) -> Curves:
-        """The curves of other frames, as they were where they were recorded."""
+        """Select the curves at given frames, with the speeds that were recorded there."""
         arrays = [field.name for field in fields(self) if field.type == "np.ndarray"]
         return replace(self, **{name: getattr(self, name)[frames] for name in arrays})
 
     def held(self, n_frames: int) -> Curves:
-        """A statue in the pose of the middle frame."""
+        """Return the curves of a statue in the pose of the middle frame."""
         statue = self.take(np.full(n_frames, self.n_frames // 2))
         moving = ("hand_speeds", "joint_speeds", "knee_accelerations", "velocities", *_BEATS)
-        return replace(statue, **{name: np.zeros_like(getattr(statue, name)) for name in moving})
+        still: dict[str, Any] = {name: np.zeros_like(getattr(statue, name)) for name in moving}
+        return replace(statue, **still)
 
 
 def joined(parts: Sequence[Curves]) -> Curves:
-    """Curves one after the other; no speed is measured from one to the next."""
+    """Concatenate the curves of several motions; no speed is measured from one to the next."""
     arrays = [field.name for field in fields(Curves) if field.type == "np.ndarray"]
-    return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in arrays})
+    values: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in arrays}
+    return replace(parts[0], **values)
 
 
 _BEATS = ("joint_beats", "hand_beats", "angle_beats")
@@ -84,7 +88,7 @@ _BEATS = ("joint_beats", "hand_beats", "angle_beats")
 def curves_of(
     motion: Motion, names: Sequence[str], joints: Sequence[int], parents: np.ndarray, config: Config
 ) -> Curves:
-    """The curves of a motion; names, joints, parents : of the joints that distances are measured on, as selected."""
+    """Compute the curves of a motion; names, joints, parents : of the joints that distances are measured on."""
     skeleton, fps = motion.skeleton, motion.fps
     config = settings_for(skeleton, config)
     pelvis = skeleton.pelvis(config.positions.root_joint)
@@ -122,7 +126,7 @@ def curves_of(
 
 
 def _legs(motion: Motion, config: Config) -> np.ndarray:
-    """Hip, knee and ankle of each leg `[shape=(T, L, 3, 3)]`."""
+    """Compute the positions of hip, knee and ankle of each leg `[shape=(T, L, 3, 3)]`."""
     feet = [motion.skeleton.names.index(name) for name in config.feet.joints if name in motion.skeleton.names]
     legs = [leg for foot in feet if (leg := leg_of(motion.skeleton, foot)) is not None]
     if not legs:
@@ -139,7 +143,7 @@ def _velocities(positions: np.ndarray, fps: float) -> np.ndarray:
 
 
 def _marks(lists: Sequence[np.ndarray], n_frames: int) -> np.ndarray:
-    """Lists of frames as columns of bool `[shape=(n_frames, L)]`."""
+    """Convert lists of frames to columns of bool `[shape=(n_frames, L)]`."""
     marks = np.zeros((n_frames, len(lists)), dtype=bool)
     for column, frames in enumerate(lists):
         marks[frames, column] = True
@@ -154,7 +158,7 @@ def nothing() -> dict[str, float]:
 
 
 def stands_still(curves: Curves, config: Config) -> bool:
-    """Whether it is a statue: the hands, or all joints where there are none, are still for over half of the clip."""
+    """Tell whether the hands, or all joints where hands are unknown, are still for over half of the clip."""
     limits = {"speed": config.evaluation.still_speed, "seconds": config.evaluation.still_seconds}
     speeds = curves.hand_speeds if curves.hand_speeds.shape[1] else curves.joint_speeds
     return stillness.is_statue(speeds, fps=curves.fps, **limits)
@@ -163,7 +167,7 @@ def stands_still(curves: Curves, config: Config) -> bool:
 def measure(
     curves: Curves, config: Config, onset_frames: np.ndarray | None = None, paused: np.ndarray | None = None
 ) -> dict[str, float]:
-    """Still hands, knees and alignment of a motion.
+    """Measure still hands, knees and the alignment with the speech of a motion.
 
     onset_frames : of its speech, None where that is unknown; paused : bool, pauses of the speech, of any length
     """
@@ -194,7 +198,7 @@ def _reading(reading: str, found: alignment.Surplus) -> dict[str, float]:
 
 
 def pooled_alignment(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """Surplus and z of several clips together, each reading by `alignment.together`; rows as of `measure`."""
+    """Pool surplus and z of several clips, each reading by `alignment.together`; rows as of `measure`."""
     found: dict[str, float] = {}
     for reading in READINGS:
         clips = [alignment.Surplus(row[reading], row[f"{reading}_deviation"], row[f"{reading}_z"]) for row in rows]
@@ -204,7 +208,7 @@ def pooled_alignment(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
 
 
 def total(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """The figures of several clips together, of `KEYS` all but the deviations."""
+    """Sum up the figures of several clips: all of `KEYS` but the deviations."""
     return _means(rows) | pooled_alignment(rows)
 
 
@@ -227,7 +231,7 @@ class Recorded:
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """What stands beside the figures of one clip.
+    """The figures that one clip is compared with.
 
     recordings : measures of each reference that is shown, with its own speech, by name; truth : of the truth, where
     there is one; stretches : of random stretches of the recordings under the clip's speech; statue : of one held pose
@@ -261,7 +265,7 @@ def beside(
 
 
 def beside_totals(found: Sequence[Beside]) -> dict[str, dict[str, float]]:
-    """The rows that stand beside the total of a run; each recording counts once, however many clips show it."""
+    """Sum up what the total of a run is compared with; each recording counts once, however many clips show it."""
     recordings = {name: row for one in found for name, row in sorted(one.recordings.items())}
     by_draw = [total(rows) for rows in zip(*(one.stretches for one in found if one.stretches), strict=True)]
     rows = {
@@ -274,19 +278,22 @@ def beside_totals(found: Sequence[Beside]) -> dict[str, dict[str, float]]:
 
 
 def velocity_ratio(
-    curves: Curves, truth: Curves | None, recorded: Sequence[Recorded], config: Config, name: str
+    curves: Curves | None, truth: Curves | None, recorded: Sequence[Recorded], config: Config, name: str
 ) -> float:
-    """Fréchet distance of wrist and head velocity over that of random stretches of the recordings of the same length.
+    """Divide the Fréchet distance of wrist and head velocities by that of random stretches of recordings as long.
 
     To the truth; without one to the recordings themselves, then of parts of the clip as long as half of a recording at
     most, since a stretch that is nearly all of it is at no distance. NaN where nothing is known of hands and head.
     """
     # A recording of one frame has no stretch.
     sources = [one.curves.velocities for one in recorded if one.curves.velocities.shape[1] and one.curves.n_frames > 1]
-    aim = np.concatenate(sources) if truth is None and sources else truth and truth.velocities
-    if not sources or aim.shape[1] != curves.velocities.shape[1]:
+    if not sources or curves is None:
         return NAN
-    ours, floor = [], []
+    aim = np.concatenate(sources) if truth is None else truth.velocities
+    if aim.shape[1] != curves.velocities.shape[1]:
+        return NAN
+    ours: list[float] = []
+    floor: list[float] = []
     for number in range(config.evaluation.stretches):
         rng = generator(config.seed, f"{name} velocity {number}")
         source = sources[int(rng.integers(len(sources)))]
@@ -298,10 +305,10 @@ def velocity_ratio(
 
 
 def frechet_ratios(
-    generated: tuple[np.ndarray, Curves], truth: tuple[np.ndarray, Curves | None] | None, graph: ReferenceFrames,
-    recorded: Sequence[Recorded], config: Config, name: str,
+    generated: tuple[np.ndarray, Curves | None], truth: tuple[np.ndarray, Curves | None] | None,
+    graph: ReferenceFrames, recorded: Sequence[Recorded], config: Config, name: str,
 ) -> dict[str, float]:  # fmt: skip
-    """All Fréchet distances of a clip over those of random stretches of its references.
+    """Divide all Fréchet distances of a clip by those of random stretches of its references.
 
     generated, truth : positions as distances are measured on, and curves; recorded : of the references that are shown
     """
@@ -324,7 +331,7 @@ def window_ratios(
     generated: np.ndarray, truth: np.ndarray, sources: Sequence[np.ndarray], windows: Sequence[int], config: Config,
     name: str,
 ) -> dict[int, float]:  # fmt: skip
-    """Fréchet distances of windows to the truth over those of random stretches of the recordings as long as the clip.
+    """Divide the Fréchet distances of windows to the truth by those of random stretches of recordings as long.
 
     generated, truth, sources : relative positions `[shape=(T, J, 3)]`; the ratio by window
     """
@@ -355,7 +362,7 @@ def _ratio(value: float, other: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class SeamEvidence:
-    """Frames of a clip near its seams and far from them, for the forest; arrays are `[shape=(K, ...)]`.
+    """The frames of a clip near seams and far from them that a random forest learns from; arrays `[shape=(K, ...)]`.
 
     features, control : of the output, and of the shown frames in the untouched recording (NaN where unknown)
     is_seam : bool; source : str, the stretch of the recording that is shown; n_seams : of the clip
@@ -373,7 +380,7 @@ def seam_evidence(
     curves: Curves, seam_frames: np.ndarray, shown: np.ndarray, clip_starts: np.ndarray,
     recorded: Sequence[tuple[Recorded, bool] | None], n_clips: int,
 ) -> SeamEvidence:  # fmt: skip
-    """What a forest is to tell apart in one clip.
+    """Collect the frames near seams and far from them that a random forest is to tell apart in one clip.
 
     shown : int [shape=(T,)], the node at each output frame; recorded : of each clip of the references, and whether
     it is a mirrored copy; None for one that no frame shows or whose recording is unknown
@@ -402,7 +409,7 @@ def seam_evidence(
 def detect_seams(
     evidence: Mapping[str, SeamEvidence], config: Config
 ) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
-    """How well joins are found in a run: in total, and by the same forests in each clip.
+    """Measure how well random forests detect joins: in the whole run, and by the same forests in each clip.
 
     The control leaves out stretches of the recordings in place of clips: clips show the same joins of the same frames
     again, and a forest that has seen one knows the next by heart.

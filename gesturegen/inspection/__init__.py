@@ -1,1 +1,1 @@
-"""What a user asks of one graph or one trace: figures for JSON, lines for reading, pictures."""
+"""Descriptions of one graph, trace or skeleton for the user: figures for JSON, lines for reading, pictures."""

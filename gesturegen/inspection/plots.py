@@ -1,4 +1,4 @@
-"""A trace as a picture, PNG."""
+"""Plots of a trace as PNG."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gesturegen.trace import Trace, Track
 
 
 def plot_trace(trace: Trace, file: BinaryIO) -> None:
-    """A PNG with the graph nodes that a trace shows over time, and the histogram of its join distances."""
+    """Plot the graph nodes that a trace shows over time, and the histogram of its join distances, as a PNG."""
     figure = new_figure()
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
     for track in trace.tracks:

@@ -1,4 +1,4 @@
-"""What a BVH file is taken to be: its unit, its vertical, and which joint is which part of the body."""
+"""Description of how a BVH file is read: its unit, its vertical axis, and which joint is which part of the body."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _SETTINGS: tuple[tuple[str, Callable[[Config], Any]], ...] = (
 
 
 def describe_skeleton(path: Path, config: Config) -> dict:
-    """The facts of a BVH file, ready for JSON: lengths in cm, joints by name."""
+    """Gather the facts of a BVH file, ready for JSON: lengths in cm, joints by name."""
     motion = bvh.read(path)
     found_space = space.detect(motion, config.motion, config.roles)
     skeleton = axes.to_inside(motion, found_space).skeleton
@@ -54,7 +54,7 @@ def describe_skeleton(path: Path, config: Config) -> dict:
 
 
 def skeleton_lines(facts: Mapping) -> list[str]:
-    """The facts as they are printed: a line for each role, then what the settings that name joints come to."""
+    """Format the facts of a BVH file: a line for each role, then the values of the settings that name joints."""
     told = facts["family"] or ("a body, by its shape" if facts["is_body"] else "no body that is known")
     lines = [
         f"{facts['file']}: {facts['joints']} joints, {facts['frames']} frames at {facts['fps']:.6g} fps",

@@ -1,4 +1,4 @@
-"""A trace in figures: its header, and each piece in one line; where bodies move by themselves, in one line for each."""
+"""Description of a trace: its header and one line per piece, or per piece and body where bodies move separately."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MOST_REFERENCES = 10
 
 
 class Place(Part):
-    """A node and where it is from: the reference clip, mirrored or not, and the frame of its recording."""
+    """The origin of a node: the reference clip, mirrored or not, and the frame of its recording."""
 
     node: int
     clip: str
@@ -34,7 +34,7 @@ class Place(Part):
 
 
 class PieceFacts(Part):
-    """A piece of a trace (`trace.Piece`) with what can be told of it.
+    """The facts of one piece of a trace (`trace.Piece`).
 
     seconds : when it starts; searched_length : how many nodes it has; jumps : how many of them do not follow one another
     gesture : name of what it shows as a whole, None where it has none; first, last : its nodes
@@ -61,7 +61,7 @@ class PieceFacts(Part):
 
 
 class TrackFacts(Part):
-    """A further track of a trace, and what its pieces and joins add up to."""
+    """The facts of a further track of a trace, with the totals of its pieces and joins."""
 
     joints: Many[str]
     hard_joins: int
@@ -71,7 +71,7 @@ class TrackFacts(Part):
 
 
 class Header(Part):
-    """What a trace says of the whole clip (`trace.Trace`), and what the pieces and joins of its first track add up to.
+    """The facts of a trace about the whole clip (`trace.Trace`), with the totals of its first track.
 
     references : names of the clips, mirrored copies left out; mirrored : whether there are any
     key_nodes : how many of each kind
@@ -100,7 +100,7 @@ class Header(Part):
 
 
 class TraceFacts(Part):
-    """A trace in figures; `tracks` are those of other bodies than `pieces` are."""
+    """The facts of a trace: header, pieces of the first track, and the further `tracks`, which move other joints."""
 
     header: Header
     pieces: Many[PieceFacts]
@@ -108,7 +108,7 @@ class TraceFacts(Part):
 
 
 def describe_trace(trace: Trace, library: ReferenceFrames | None = None) -> TraceFacts:
-    """Header and pieces of a trace; its `model_dump` is ready for JSON.
+    """Describe the header and the pieces of a trace; the result's `model_dump` is ready for JSON.
 
     library : what it was found in (`is_of`). Without it, a node is placed by the clip starts of the trace,
         `source_frame` counts the frames of the clip that were kept, and gesture clips have no names.
@@ -127,7 +127,7 @@ def describe_trace(trace: Trace, library: ReferenceFrames | None = None) -> Trac
             config_hash=trace.config_hash,
             failure=trace.failure,
             seconds=trace.seconds,
-            references=[reference.clip for reference in trace.references if not reference.mirrored],
+            references=tuple(reference.clip for reference in trace.references if not reference.mirrored),
             mirrored=any(reference.mirrored for reference in trace.references),
             key_nodes=dict(sorted(kinds.items())),
             hard_joins=trace.n_hard_joins,
@@ -138,7 +138,7 @@ def describe_trace(trace: Trace, library: ReferenceFrames | None = None) -> Trac
             notes=trace.notes,
         ),
         pieces=_describe_pieces(trace, trace, library),
-        tracks=[
+        tracks=tuple(
             TrackFacts(
                 joints=track.joints,
                 hard_joins=track.n_hard_joins,
@@ -147,12 +147,12 @@ def describe_trace(trace: Trace, library: ReferenceFrames | None = None) -> Trac
                 pieces=_describe_pieces(trace, track, library),
             )
             for track in trace.tracks
-        ],
+        ),
     )
 
 
 def is_of(trace: Trace, library: ReferenceFrames) -> bool:
-    """Whether a trace was found in `library`, as far as the clips and nodes that it names tell."""
+    """Tell whether a trace was searched in `library`, as far as the clips and nodes that it names show."""
     # Gestures of a folder come after the clips of the library.
     own = [one for one in trace.references if not one.is_gesture]
     named = [(one.clip, one.mirrored, one.start_node) for one in own]
@@ -166,7 +166,7 @@ def is_of(trace: Trace, library: ReferenceFrames) -> bool:
     return len(own) < len(trace.references) or all(_gesture(trace, piece, library) is not None for piece in pieces)
 
 
-def _describe_pieces(trace: Trace, track: Trace | Track, library: ReferenceFrames | None) -> list[PieceFacts]:
+def _describe_pieces(trace: Trace, track: Trace | Track, library: ReferenceFrames | None) -> tuple[PieceFacts, ...]:
     joins = {join.frame: join for join in track.joins}
     pieces = []
     for piece in track.pieces:
@@ -188,15 +188,15 @@ def _describe_pieces(trace: Trace, track: Trace | Track, library: ReferenceFrame
                 retries=piece.retries,
                 fallback=piece.fallback,
                 costs=piece.costs,
-                join_distance=join and join.distance,
-                join_natural=join and join.natural,
+                join_distance=None if join is None else join.distance,
+                join_natural=None if join is None else join.natural,
             )
         )
-    return pieces
+    return tuple(pieces)
 
 
 def _gesture(trace: Trace, piece: Piece, library: ReferenceFrames | None) -> str | None:
-    """The name of what a piece shows as a whole, such as a gesture clip; None where it has none."""
+    """Return the name of what a piece shows as a whole, such as a gesture clip; None where that has no name."""
     return None if library is None else METHODS[trace.method].piece_name(library, piece.nodes)
 
 
@@ -216,7 +216,7 @@ def _place(trace: Trace, library: ReferenceFrames | None, node: int) -> Place:
 
 
 def trace_lines(facts: TraceFacts) -> list[str]:
-    """The header of `describe_trace` and one line per piece, of several bodies one per piece and body.
+    """Format the facts of `describe_trace`: the header and one line per piece, or per piece and body.
 
     Fingers have a line only where they are of another gesture clip than the upper body.
     """
@@ -259,7 +259,7 @@ def _search_lines(facts: TraceFacts) -> list[str]:
 
 
 def _demand(demand: Demand, fps: float) -> str:
-    """What a condition asks of the hands in this clip."""
+    """Describe in one line what a condition asks of the hands in this clip."""
     unit = UNITS[demand.measure]
     bounds = [
         f"{words} {bound:.1f} {unit}"
@@ -274,7 +274,7 @@ def _demand(demand: Demand, fps: float) -> str:
 
 
 def _bodies(facts: TraceFacts) -> tuple[str, ...]:
-    """The names of the tracks of a trace, that of its pieces first."""
+    """Return the names of a trace's tracks, that of its pieces first."""
     return METHODS[facts.header.method].bodies
 
 
@@ -282,7 +282,8 @@ def _body_lines(facts: TraceFacts) -> list[str]:
     header, pieces = facts.header, facts.pieces
     rests = sum(piece.end_kind == "rest" for piece in pieces)
     lines = [f"{count(len(pieces), 'piece')}, {rests} of them {'a rest' if rests == 1 else 'rests'}"]
-    for name, track in zip(_bodies(facts), [header, *facts.tracks], strict=False):
+    tracks: list[Header | TrackFacts] = [header, *facts.tracks]
+    for name, track in zip(_bodies(facts), tracks, strict=False):
         terms = (header.objective or {}).get(name)
         if terms is not None:
             lines.append(
@@ -297,19 +298,16 @@ def _fallbacks(figures: Header | TrackFacts) -> str:
 
 
 def _terms(costs: Mapping[str, float] | None) -> str:
-    """What a cost is made of, as far as two decimals show it."""
+    """List the terms of a cost that two decimals show."""
     shown = {term: f"{value:.2f}" for term, value in (costs or {}).items() if term != "total"}
     return ", ".join(f"{term} {value}" for term, value in shown.items() if float(value))
 
 
 def _body_rows(facts: TraceFacts) -> Iterable[tuple[str, ...]]:
-    """The pieces of all tracks by time, at each time the upper body first."""
+    """Yield the table rows of the pieces of all tracks by time, at each time the upper body first."""
     upper = {piece.start_frame: piece for piece in facts.pieces}
-    rows = [
-        (piece.start_frame, number, piece)
-        for number, track in enumerate([facts, *facts.tracks])
-        for piece in track.pieces
-    ]
+    tracks: list[TraceFacts | TrackFacts] = [facts, *facts.tracks]
+    rows = [(piece.start_frame, number, piece) for number, track in enumerate(tracks) for piece in track.pieces]
     bodies = _bodies(facts)
     for frame, number, piece in sorted(rows, key=lambda row: row[:2]):
         above = upper.get(frame)

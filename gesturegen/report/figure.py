@@ -1,4 +1,4 @@
-"""Which joints of a skeleton are drawn as a stick figure, and how."""
+"""The stick figure that the report draws of a skeleton: its joints, sides, heading, size and ground."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SIDES = {
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """The points that are drawn: joints, then the tips of the feet and of whatever else ends in an End Site.
+    """The points of a stick figure: joints, then the tips of the feet and of whatever else ends in an End Site.
 
     joints : numbers in the skeleton, parents first; tips : places among `joints` whose End Site is a point too
     parents : places of each point's parent, -1 for none; sides : `l`, `r` or `m` (the middle) of each
@@ -38,7 +38,7 @@ class Figure:
 
 
 def of_skeleton(skeleton: Skeleton, root_joint: str) -> Figure:
-    """The figure from the pelvis down the hierarchy, without the helpers that nothing else hangs on."""
+    """Select the points to draw from the pelvis down the hierarchy, without helper joints that carry no other joint."""
     pelvis = skeleton.pelvis(root_joint)
     inside = [pelvis, *skeleton.descendants(pelvis)]
     if len(inside) == 1:
@@ -72,7 +72,7 @@ def of_skeleton(skeleton: Skeleton, root_joint: str) -> Figure:
 
 
 def points(figure: Figure, motion: Motion) -> np.ndarray:
-    """Where the points of a figure are, world [shape=(T, K, 3)] in file units."""
+    """Compute the world positions of a figure's points `[shape=(T, K, 3)]`, in file units."""
     rotations, positions = kinematics.world_transforms(motion, figure.joints)
     ends = motion.skeleton.end_sites[[figure.joints[k] for k in figure.tips]]
     return np.concatenate(
@@ -81,12 +81,12 @@ def points(figure: Figure, motion: Motion) -> np.ndarray:
 
 
 def side(name: str) -> str:
-    """`l` or `r` by the joint's name, else `m`."""
+    """Return the side of a joint by its name: `l`, `r`, or else `m`."""
     return next((key for key, pattern in _SIDES.items() if pattern.search(name)), "m")
 
 
 def facing(figure: Figure, positions: np.ndarray) -> float:
-    """The heading of a motion as a whole, radians from +Z towards +X; 0 for a figure without sides.
+    """Compute the heading of a whole motion, radians from +Z towards +X; 0 for a figure without sides.
 
     positions : world [shape=(T, K, 3)] of the points. Hips and shoulders tell it, and arms do not:
     the joints of a side that hang on the middle.
@@ -103,11 +103,11 @@ def facing(figure: Figure, positions: np.ndarray) -> float:
 
 
 def size(positions: np.ndarray) -> float:
-    """How large the figure usually is along its longest axis; never 0."""
+    """Compute how large the figure usually is along its longest axis; never 0."""
     extent = float(np.median(np.ptp(positions, axis=1).max(axis=-1)))
     return extent if extent > 1e-6 else 1.0
 
 
 def floor(positions: np.ndarray) -> float:
-    """The height the lowest joint usually reaches: a single dip does not lower the ground."""
+    """Compute the height that the lowest joint usually reaches: a single dip does not lower the ground."""
     return float(np.percentile(positions[:, :, 1].min(axis=1), 5))

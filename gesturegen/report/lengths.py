@@ -1,4 +1,4 @@
-"""What longer references bring, as small plots for the report: SVG text that follows the page's colours.
+"""Plots for the report of the measures by length of the references: SVG text that follows the page's colours.
 
 Its input is `ablation/reference_length.json`, which another version may have written: a point without a length
 is left out, and so is a figure that is missing.
@@ -49,7 +49,7 @@ _COLUMNS = (
 
 
 def lines_of(results: object) -> dict[str, list[Mapping]]:
-    """The points of each line, by length; nothing where the file is of another shape."""
+    """Read the points of each line, by length; none where the file is of another shape."""
     lines = results.get("lines") if isinstance(results, Mapping) else None
     found = {}
     for name, points in lines.items() if isinstance(lines, Mapping) else ():
@@ -61,7 +61,7 @@ def lines_of(results: object) -> dict[str, list[Mapping]]:
 
 
 def plots(lines: Mapping[str, Sequence[Mapping]]) -> str:
-    """A legend and a figure for each panel."""
+    """Draw a legend and an SVG figure for each panel."""
     legend = "".join(
         f'<span><svg class="sample" viewBox="0 0 40 12" aria-hidden="true"><path class="line-{k % _COLOURS}" '
         f'd="M2 6H38"/>{_marker(k, 20, 6)}</svg> {escape(name)}</span>'
@@ -74,7 +74,7 @@ def plots(lines: Mapping[str, Sequence[Mapping]]) -> str:
 
 
 def table_rows(lines: Mapping[str, Sequence[Mapping]]) -> tuple[list[str], list[tuple[str, list[str]]]]:
-    """Headings, and for every point its setup and its cells."""
+    """Return the headings of the table, and for every point its setup and its cells."""
     rows = []
     for name, points in lines.items():
         for point in points:
@@ -127,20 +127,20 @@ def _plot(panel: _Panel, lines: Mapping[str, Sequence[Mapping]]) -> str:
 
 
 def _summary(name: str, points: Sequence[tuple[float, float]], unit: str) -> str:
-    """A line in words, for who cannot see it."""
+    """Describe a line in words, for readers who cannot see the plot."""
     ends = [f"{format_figure(value)}{unit} at {format_figure(minutes)} min" for minutes, value in points]
     return f"{name} " + " to ".join(dict.fromkeys((ends[0], ends[-1])))
 
 
 def _marker(line: int, x: float, y: float) -> str:
-    """Lines differ in shape too: not everybody sees the colours."""
+    """Draw the marker of a point; shapes differ by line, as not everybody sees the colours."""
     if line % 2:
         return f'<rect class="mark-{line % _COLOURS}" x="{x - 3.5:.1f}" y="{y - 3.5:.1f}" width="7" height="7"/>'
     return f'<circle class="mark-{line % _COLOURS}" cx="{x:.1f}" cy="{y:.1f}" r="4"/>'
 
 
 def _scale(largest: float) -> tuple[float, float]:
-    """The upper end of an axis from 0, and the step of its ticks: 1, 2 or 5 times a power of ten."""
+    """Choose the upper end of an axis from 0, and the step of its ticks: 1, 2 or 5 times a power of ten."""
     if largest <= 0.0:
         return 1.0, 0.5
     rough = largest / _TICKS
@@ -159,5 +159,6 @@ def _times(factor: float, value: object) -> float | None:
 
 
 def _number(value: object) -> float | None:
-    usable = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-    return float(value) if usable else None
+    if not isinstance(value, (int, float)) or isinstance(value, bool) or not math.isfinite(value):
+        return None
+    return float(value)

@@ -1,4 +1,4 @@
-"""One clip as compact text: joint positions in small steps, audio as Vorbis, and what its trace says.
+"""Packing of one clip as compact text: joint positions in small steps, audio as Vorbis, and its trace.
 
 Positions are whole multiples of a step (a 2000th of the figure), stored as differences from frame to frame, low
 bytes before high bytes, deflated, in base64: about 0.3 MB for a minute of 60 joints. The error is at most
@@ -30,7 +30,7 @@ _MOST_STEPS = 32_000
 
 
 def pack_motion(motion: Motion, config: Config, label: str, trace: Mapping | None = None) -> dict:
-    """A motion as the player draws it.
+    """Pack a motion for the player that draws it.
 
     label : what the viewer reads; trace : of `pack_trace`, None for a motion that has none
     """
@@ -57,7 +57,7 @@ def pack_motion(motion: Motion, config: Config, label: str, trace: Mapping | Non
 
 
 def quantise(positions: np.ndarray, step: float) -> tuple[np.ndarray, float, list[float]]:
-    """Positions `[shape=(T, K, 3)]` as int16 multiples of a step around a centre; also the step and the centre.
+    """Quantise positions `[shape=(T, K, 3)]` to int16 multiples of a step around a centre; also return step and centre.
 
     The step grows where the motion would leave the range of int16.
     """
@@ -68,7 +68,7 @@ def quantise(positions: np.ndarray, step: float) -> tuple[np.ndarray, float, lis
 
 
 def encode_steps(steps: np.ndarray) -> str:
-    """int16 `[shape=(T, K, 3)]` as text: per channel the differences in time, low bytes, then high bytes."""
+    """Encode int16 `[shape=(T, K, 3)]` as text: per channel the differences in time, low bytes, then high bytes."""
     channels = steps.reshape(len(steps), -1).T
     differences = np.diff(channels, axis=1, prepend=np.int16(0)).astype("<u2")
     low, high = differences & 0xFF, differences >> 8
@@ -76,7 +76,7 @@ def encode_steps(steps: np.ndarray) -> str:
 
 
 def pack_audio(samples: np.ndarray, rate: int) -> dict:
-    """Speech as the player needs it: the sound, and peaks to draw."""
+    """Pack a speech for the player: the sound, and peaks to draw."""
     return {
         "ogg": base64_text(sound.vorbis(samples, rate)),
         "peaks": base64_text(sound.peaks(samples, rate).tobytes()),
@@ -85,7 +85,7 @@ def pack_audio(samples: np.ndarray, rate: int) -> dict:
 
 
 def pack_control(demands: Sequence[Demand], shown: Measures, recorded: Measures, fps: float) -> list[dict]:
-    """Each demand with its bounds, the curve of what it is about over the whole clip, and a row of a table.
+    """Pack each demand with its bounds, the curve of its measure over the whole clip, and a row of a table.
 
     shown, recorded : the measures of the hands in the frames of the motion and in the nodes of its references
     """
@@ -107,7 +107,7 @@ def pack_control(demands: Sequence[Demand], shown: Measures, recorded: Measures,
 
 
 def pack_trace(trace: Trace, source_frames: np.ndarray, control: Sequence[dict] = ()) -> dict:
-    """Pieces, joins, and the reference frame that each output frame shows.
+    """Pack the pieces and joins of a trace, and the reference frame that each output frame shows.
 
     source_frames : of the graph [shape=(N,)]; DataError when the trace walks over nodes that it lacks
     control : of `pack_control`
@@ -138,7 +138,7 @@ def pack_trace(trace: Trace, source_frames: np.ndarray, control: Sequence[dict] 
 def pack_clip(
     speech: Speech, keywords: Mapping[str, str], motions: Sequence[dict], audio: dict | None, notes: Sequence[str] = ()
 ) -> dict:
-    """Everything about one clip.
+    """Pack all that the report shows of one clip.
 
     speech : onsets and words; keywords : word -> keyword; motions : of `pack_motion`, the run's own first
     audio : of `pack_audio`, None without; notes : what a viewer should know
@@ -158,10 +158,11 @@ def pack_clip(
 
 
 def inert_json(value) -> str:
-    """JSON that may stand inside an HTML script tag: ASCII only, and nothing in it can close the tag."""
+    """Format JSON for the inside of an HTML script tag: ASCII only, and nothing in it can close the tag."""
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def base64_text(data: bytes) -> str:
+    """Encode bytes as ASCII text in base 64."""
     return base64.b64encode(data).decode("ascii")

@@ -1,4 +1,4 @@
-"""The report as one HTML file: text, style, scripts and every clip, and nothing from outside.
+"""The HTML page of the report: text, style, scripts and every clip in one file, and nothing from outside.
 
 Clips lie in script tags of type `application/json`, which a browser neither runs nor decodes; the player
 reads one when it is opened. A content security policy forbids the page every request.
@@ -45,7 +45,7 @@ class Ablation:
 
 @dataclass(frozen=True)
 class Content:
-    """What a report tells.
+    """The content of a report.
 
     manifest : of the run; figures : of `evaluate`, None where this run has none; compared : labels of other runs
     notices : sentences for the top; failed : clip -> why it cannot be shown; clips : name -> inert JSON
@@ -73,7 +73,7 @@ def write(path: Path, content: Content, config: Config) -> None:
 
 
 def parts(content: Content, config: Config) -> Iterator[str]:
-    """The page in pieces, to be written one after the other."""
+    """Yield the page in parts, to be written one after the other."""
     style = _asset("report.css")
     script = '(() => {\n"use strict";\n' + "\n".join(_asset(name) for name in _SCRIPTS) + "})();\n"
     policy = (
@@ -113,7 +113,7 @@ def _data_tag(place: int, text: str) -> str:
 
 
 def _fill(template: str, filled: Mapping[str, str]) -> str:
-    """The places of a template filled in one pass: what is filled in is never searched for places itself."""
+    """Fill the placeholders of a template in one pass: inserted text is never searched for placeholders itself."""
     return re.sub(r"\{\{(\w+)\}\}", lambda place: filled[place[1]], template)
 
 
@@ -126,7 +126,7 @@ def _digest(text: str) -> str:
 
 
 def _code(text: str) -> str:
-    """Escaped text with its `commands` set as code."""
+    """Escape a text for HTML and set its `commands` as code."""
     return re.sub(r"`([^`]*)`", r"<code>\1</code>", escape(text))
 
 
@@ -153,7 +153,7 @@ def _failed(failed: Mapping[str, str]) -> str:
 
 
 def _summary(content: Content, config: Config) -> str:
-    """A row per clip and the total: what the manifest counts, then the figures of `evaluate`."""
+    """Build the table of clips and their total: what the manifest counts, then the figures of `evaluate`."""
     figures = content.figures or _NO_FIGURES
     columns = [
         measure
@@ -183,7 +183,7 @@ def _summary(content: Content, config: Config) -> str:
 
 
 def _viewer(content: Content, config: Config) -> str:
-    """A table for each block of what a viewer complains of, with what stands beside its total."""
+    """Build a table for each block of the viewer's measures, with the figures that its total is compared with."""
     figures, html = content.figures or _NO_FIGURES, ""
     for block in VIEWER_BLOCKS:
         every = [*figures.clips.values(), figures.total]
@@ -211,7 +211,7 @@ def _counts(row: ClipRow, fps: float) -> list[str]:
 
 
 def _row(label: str, cells: Sequence[str]) -> str:
-    """A row of a table; `label` is HTML, the cells are text."""
+    """Build a row of a table; `label` is HTML, the cells are text."""
     return f'<tr><th scope="row">{label}</th>' + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>"
 
 
@@ -227,11 +227,12 @@ def _ablation(ablation: Ablation | None) -> str:
     if ablation.plot is not None:
         data = base64.b64encode(ablation.plot).decode("ascii")
         html += f'<img alt="Bar plot of the ablation: each setup by each measure" src="data:image/png;base64,{data}">'
-    setups = ablation.results.get("setups") if isinstance(ablation.results, dict) else None
+    results = ablation.results if isinstance(ablation.results, dict) else {}
+    setups = results.get("setups")
     if isinstance(setups, dict) and all(isinstance(setup, dict) for setup in setups.values()):
         scroll = 'class="scroll" tabindex="0" role="region" aria-label="Ablation table"'
-        html += f"<div {scroll}>{_ablation_table(setups, ablation.results.get('beside') or {})}</div>"
-        signature = ablation.results.get("signature") or {}
+        html += f"<div {scroll}>{_ablation_table(setups, results.get('beside') or {})}</div>"
+        signature = results.get("signature") or {}
         seeds = ", ".join(map(str, signature.get("seeds", [])))
         html += (
             "<p>Mean ± spread over seeds; below each setup, what the paper's Table 2 prints for it. "
@@ -260,7 +261,10 @@ def _reference_length(results: object | None) -> str:
 
 
 def _ablation_table(setups: Mapping[str, Mapping], beside: Mapping[str, Mapping]) -> str:
-    """A row per setup, and one of the paper's figures, then what the setups are to be compared with; its BC fits neither of ours, so it has its own column."""
+    """Build the ablation table: a row per setup and one of the paper's figures, then the figures to compare them with.
+
+    The paper's BC is neither of the two beat measures here, so it has a column of its own.
+    """
     rows = []
     for name, setup in setups.items():
         mean, spread = (

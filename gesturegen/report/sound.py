@@ -1,4 +1,4 @@
-"""Speech as compact audio for a page: Ogg Vorbis of the same bytes every time, and peaks to draw."""
+"""Compact audio of a speech for a web page: Ogg Vorbis with the same bytes every time, and peaks to draw."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _REVERSED_BITS = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
 def vorbis(samples: np.ndarray, rate: int) -> bytes:
-    """Mono `samples` `[shape=(n,)]` as an Ogg Vorbis file of at most 24 kHz."""
+    """Encode mono `samples` `[shape=(n,)]` as an Ogg Vorbis file of at most 24 kHz."""
     import soundfile
 
     if rate > _MAX_RATE:
@@ -34,7 +34,7 @@ def vorbis(samples: np.ndarray, rate: int) -> bytes:
 
 
 def with_serial(ogg: bytes, serial: bytes) -> bytes:
-    """The same Ogg stream with another serial number: libsndfile draws one by the clock."""
+    """Replace the serial number of an Ogg stream, which libsndfile draws by the clock."""
     pages, start = [], 0
     while start < len(ogg):
         segments = ogg[start + 26]
@@ -47,13 +47,13 @@ def with_serial(ogg: bytes, serial: bytes) -> bytes:
 
 
 def _checksum(page: bytes) -> int:
-    """Ogg's CRC-32: zlib's with all bits the other way round, starting at 0 and not inverted."""
+    """Compute Ogg's CRC-32: zlib's with all bits the other way round, starting at 0 and not inverted."""
     mirrored = zlib.crc32(page.translate(_REVERSED_BITS), 0xFFFFFFFF) ^ 0xFFFFFFFF
     return int(f"{mirrored:032b}"[::-1], 2)
 
 
 def peaks(samples: np.ndarray, rate: int) -> np.ndarray:
-    """uint8 `[shape=(n,)]`: the loudest sample of each hundredth of a second, the clip's loudest being 255."""
+    """Compute the loudest sample of each hundredth of a second, uint8 `[shape=(n,)]`, the clip's loudest being 255."""
     n_peaks = max(1, int(np.ceil(len(samples) * PEAKS_PER_SECOND / rate)))
     edges = np.minimum(np.arange(n_peaks) * rate // PEAKS_PER_SECOND, max(len(samples) - 1, 0))
     loudest = np.maximum.reduceat(np.abs(samples), edges) if len(samples) else np.zeros(n_peaks)

@@ -1,4 +1,4 @@
-"""Stored JSON files: the models that they are read as and written from, and the check of a file against them.
+"""The pydantic models of stored JSON files, and their reading, writing and validation.
 
 Entries that a model does not name may be there, and are kept; those that it names must be, of their type and in their
 range. Traces, manifests and the index of clips are models of their own rooms (`trace.py`, `manifest.py`,
@@ -44,21 +44,21 @@ Many = Annotated[tuple[_Item, ...], Field(strict=False)]
 
 
 class Part(BaseModel):
-    """Something inside a stored document: its entries cannot be changed."""
+    """An immutable, strictly typed part of a stored document."""
 
     model_config = ConfigDict(strict=True, frozen=True, extra="allow")
 
 
 class Document(Part):
-    """What a stored JSON file holds."""
+    """The content of a stored JSON file."""
 
     def to_json(self) -> str:
-        """The text of the file, without its checksum. NaN and infinities, which JSON does not have, are a ValueError."""
+        """Format the file's text, without its checksum; NaN and infinities, which JSON lacks, raise ValueError."""
         return _format(self.model_dump(exclude_unset=True))
 
     @classmethod
     def from_json(cls, text: str | bytes) -> Self:
-        """What a text holds; ValueError for one that is no JSON, ValidationError for one that lacks what it must have."""
+        """Parse a text; ValueError for one that is no JSON, ValidationError for one that does not fit the model."""
         return cls.model_validate(from_json(text, allow_inf_nan=False))
 
 
@@ -66,7 +66,7 @@ class Document(Part):
 
 
 class Summary(Document):
-    """The figures of `evaluate`; beside : of what they are compared with."""
+    """The figures that `evaluate` computes; beside : the figures that they are compared with."""
 
     signature: dict[str, str | int]
     total: Row
@@ -82,13 +82,13 @@ class _Setup(Part):
 
 
 class Ablation(Document):
-    """The table of `ablate`, as far as it is shown."""
+    """The table that `ablate` computes, as far as the report shows it."""
 
     setups: dict[str, _Setup]
 
 
 class Lengths(Document):
-    """The figures of `ablate` by length of the references, as far as they are shown."""
+    """The figures that `ablate` computes by length of the references, as far as the report shows them."""
 
     lines: dict[str, list[dict[str, str | Figure | None]]]
 
@@ -126,7 +126,7 @@ class _Networks(Part):
 
 
 class Checkpoint(_Networks):
-    """What `train-refiner` keeps, but for the weights, which the networks check as they take them."""
+    """The checkpoint of `train-refiner`; its weights are checked by the networks that load them."""
 
     description: _Description
     settings: dict[str, Any]
@@ -161,7 +161,7 @@ _Stored = TypeVar("_Stored", bound=Document)
 
 
 def read(path: str | Path, model: type[_Stored], command: str) -> _Stored:
-    """The document in a stored JSON file.
+    """Read and validate the document in a stored JSON file.
 
     Raises DataError for a file that cannot be read, DamagedError for one that is not as it was written or not as the
     model declares. command : what makes it again
@@ -183,7 +183,7 @@ def read(path: str | Path, model: type[_Stored], command: str) -> _Stored:
 
 
 def damage(path: str | Path, model: type[Document], command: str) -> list[str]:
-    """What to say of a stored JSON file that is about to be made again: nothing, or that it was damaged."""
+    """Say whether a stored JSON file that is about to be made again was damaged: at most one line."""
     try:
         if Path(path).is_file():
             read(path, model, command)
@@ -193,7 +193,7 @@ def damage(path: str | Path, model: type[Document], command: str) -> list[str]:
 
 
 def first_problem(error: ValidationError) -> str:
-    """The first of what is wrong, in one line."""
+    """Describe the first problem of a validation error in one line."""
     first = error.errors(include_url=False, include_input=False, include_context=False)[0]
     place = ".".join(map(str, first["loc"]))
     return f"{place[:80]}: {first['msg'].removeprefix('Value error, ')}".removeprefix(": ").splitlines()[0]
