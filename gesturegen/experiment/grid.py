@@ -61,7 +61,7 @@ def combinations(grid: Grid, lines: Mapping[tuple, int], origin: str) -> Iterato
     found: dict[str, Changes] = {}
     for points in product(*axes.values()):
         labels = dict(zip(axes, (label for label, _ in points), strict=True))
-        name = _usable(re.sub(r"\{([^{}]*)\}", lambda match, labels=labels: labels[match[1]], pattern), at)
+        name = _usable(_filled_in(pattern, labels), at)
         if name in found:
             raise ConfigError(f"{at}: two setups are called {name}; put every axis into `name`")
         found[name] = _together([changes for _, changes in points], at)
@@ -72,6 +72,11 @@ def combinations(grid: Grid, lines: Mapping[tuple, int], origin: str) -> Iterato
                 f"{origin}:{lines['grid', 'leave_out', number]}: grid.leave_out: no setup {name!r}; did you mean {near[0]!r}?"
             )
     yield from ((name, changes, at) for name, changes in found.items() if name not in grid.leave_out)
+
+
+def _filled_in(pattern: str, labels: Mapping[str, str]) -> str:
+    """Replace each `{axis}` of a pattern by the label of this axis."""
+    return re.sub(r"\{([^{}]*)\}", lambda match: labels[match[1]], pattern)
 
 
 def _points(axis: str, values: Any, lines: Mapping[tuple, int], origin: str) -> Iterator[tuple[str, Changes]]:

@@ -68,8 +68,10 @@ def evaluate(
     reuse : keep a run's figures when neither its clips, their truth nor the settings have changed
     """
     lost: list[tuple[str, str]] = []
+    failed: list[str] = []
+    index: Index | None = None
     if bvh_folder is not None:
-        evidence, failed, index = _foreign_evidence(bvh_folder, audio_folder, truth_folder), [], None
+        evidence = _foreign_evidence(bvh_folder, audio_folder, truth_folder)
         signature = {"method": "files", "config_hash": config.signature(), "seed": "-", "version": __version__}
     else:
         index = read_index(config)
@@ -247,11 +249,13 @@ def _foreign_evidence(bvh_folder: Path, audio_folder: Path | None, truth_folder:
 def _measure(evidence: _Evidence, config: Config, n_clips: int) -> dict:
     inputs.require_usable_name(evidence.motion)
     generated = locate_file(evidence.motion, config)
-    truth = locate_file(evidence.truth, config) if evidence.truth else None
-    if truth is not None:
-        require_same_joints(evidence.truth, truth, generated)
+    truth = None
     # Our own motions are as their references are, of which `preprocess` tells.
-    named = [(path.stem, joints) for path, joints in ((evidence.motion, generated), (evidence.truth, truth)) if joints]
+    named = [(evidence.motion.stem, generated)]
+    if evidence.truth is not None:
+        truth = locate_file(evidence.truth, config)
+        require_same_joints(evidence.truth, truth, generated)
+        named.append((evidence.truth.stem, truth))
     notes = [(name, note) for name, joints in named for note in joints.notes] if evidence.trace is None else []
     trace = graph = seams = None
     references: list[str] = []
@@ -266,15 +270,17 @@ def _measure(evidence: _Evidence, config: Config, n_clips: int) -> dict:
         trace.require_nodes(graph.n_nodes)
         skate, recorded = reference_skate(config, trace.shown_clips()), recordings(config, trace)
         seams = evaluation.seam_evidence(generated, trace, graph, recorded, n_clips)
-    heard = read_heard(evidence.audio, config)
+    heard = None if evidence.audio is None else read_heard(evidence.audio, config)
     row = evaluation.measure_clip(generated, config, heard, truth, trace, graph, skate, recorded)
-    control = [] if trace is None else _measure_control(generated, trace, graph, config)
+    control = [] if trace is None or graph is None else _measure_control(generated, trace, graph, config)
     beside = measure_beside(evidence.name, len(generated.world), config, heard, truth, recorded)
     # There is one process that gathers all clips: the curves have served, and so have motions without truth.
-    generated, truth = truth and replace(generated, curves=None), truth and replace(truth, curves=None)
+    pooled: dict[str, evaluation.Joints | None] = {"generated": None, "truth": None}
+    if truth is not None:
+        pooled = {"generated": replace(generated, curves=None), "truth": replace(truth, curves=None)}
     return {
-        "row": row, "generated": generated, "truth": truth, "references": references, "control": control,
-        "seams": seams, "beside": beside, "notes": notes,
+        "row": row, **pooled, "references": references, "control": control, "seams": seams, "beside": beside,
+        "notes": notes,
     }  # fmt: skip
 
 
@@ -351,7 +357,7 @@ def _recording(path: str, _digest: str, settings: str) -> tuple[viewer.Recorded,
     parts = [joints] if len(segments) == 1 else [
         evaluation.locate(reference.motion.take(frames), config) for frames in segments
     ]  # fmt: skip
-    curves = viewer.joined([part.curves for part in parts])
+    curves = viewer.joined([part.curves for part in parts if part.curves is not None])
     onsets = reference.speech.onset_frames
     onset_frames = np.searchsorted(reference.source_frames, onsets[np.isin(onsets, reference.source_frames)])
     paused = ~keynodes.reference_speaking(reference, config.pauses)
@@ -359,10 +365,8 @@ def _recording(path: str, _digest: str, settings: str) -> tuple[viewer.Recorded,
     return viewer.Recorded(reference.name, curves, row), evaluation.foot_skate(joints)
 
 
-def read_heard(path: Path | None, config: Config) -> evaluation.Heard | None:
+def read_heard(path: Path, config: Config) -> evaluation.Heard:
     """What is known of the speech of a stored clip or of an audio file."""
-    if path is None:
-        return None
     if path.suffix == ".npz":
         speech = clips.load(path, config, with_motion=False).test_speech(config)
         paused = ~keynodes.speaking(speech, config.pauses)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
@@ -21,9 +22,11 @@ from gesturegen.experiment.plan import Plan, seeded
 from gesturegen.experiment.presets import ABLATE, COMPARE, MEMORY, Preset
 from gesturegen.extras import need
 from gesturegen.frames import ReferenceFrames
+from gesturegen.manifest import ClipRow
 from gesturegen.methods import METHODS, libraries
 from gesturegen.methods.method import Job
 from gesturegen.metrics.measures import Measure, frechet_measures
+from gesturegen.motion.skeleton import Motion
 from gesturegen.outcome import Outcome
 from gesturegen.parallel import for_each, one_display
 from gesturegen.pipeline.build_graph import build_libraries
@@ -227,7 +230,7 @@ def _run_all(
             by_seed[run.setup][run.config.seed] = _sum_up(run, done, columns, ruler, index)
             rows += [figures.shown(one["row"], columns) for one in done]
             if preset.work_folders and run.kept is not None:
-                _complete_work_folder(run, [one["manifest_row"] for one in done])
+                _complete_work_folder(run.kept, run.config, [one["manifest_row"] for one in done])
     if ruler.keys & set(MEMORY):
         first = [run for run in runs if run.config.seed == plan.seeds[0]]
         measured = _measure_memory(first, preset, index, jobs, quiet)
@@ -286,12 +289,15 @@ def _sum_up(
     return total
 
 
-def _complete_work_folder(run: _Run, rows: Iterable[dict]) -> None:
-    """Make the folder of a setup a work folder, so that every command works on it: it shares the clips."""
-    folder = run.kept.parent
-    documents.write(run.kept / "manifest.json", submission.manifest(rows, run.config))
-    remembered.write(run.config, folder)
-    target = os.path.relpath(work_path(run.config, "clips").resolve(), folder.resolve())
+def _complete_work_folder(kept: Path, config: Config, rows: Iterable[ClipRow]) -> None:
+    """Make the folder of a setup a work folder, so that every command works on it: it shares the clips.
+
+    kept : where its BVH files and traces are; rows : of its clips
+    """
+    folder = kept.parent
+    documents.write(kept / "manifest.json", submission.manifest(rows, config))
+    remembered.write(config, folder)
+    target = os.path.relpath(work_path(config, "clips").resolve(), folder.resolve())
     try:
         (folder / "clips").symlink_to(target, target_is_directory=True)
     except OSError as error:
@@ -343,9 +349,9 @@ def _run_clip(run: _Run, test: str, ruler: _Ruler, truth_path: str | None, with_
     if run.kept is not None:
         written = submission.write_clip(run.kept, test, made.motion, made.trace)
     measured = evaluation.failed_row(ruler.config) | dict.fromkeys(_NOT_OF_STUCK, evaluation.NAN)
-    found = {"generated": None, "truth": None, "beside": None, "seams": None}
+    found: dict[str, Any] = {"generated": None, "truth": None, "beside": None, "seams": None}
     if made.motion is not None:
-        measured, found = _measure(made, test, ruler, truth_path, with_beside)
+        measured, found = _measure(made, made.motion, test, ruler, truth_path, with_beside)
     about = {"setup": run.setup, "seed": run.config.seed, "clip": test, "references": list(run.references[test])}
     row = about | {"seams": found.pop("seams")} | figures.clip_row(made.trace, made.frames, measured)
     return found | {"row": row, "manifest_row": submission.clip_row(made.trace, written)}
@@ -384,17 +390,16 @@ def _warm_up(library: ReferenceFrames, speech: clips.Speech, config: Config) -> 
 
 
 def _measure(
-    made: Gestured, test: str, ruler: _Ruler, truth_path: str | None, with_beside: bool
-) -> tuple[dict[str, float], dict]:
-    """The figures of a clip that has a motion, and evidence for the totals."""
+    made: Gestured, motion: Motion, test: str, ruler: _Ruler, truth_path: str | None, with_beside: bool
+) -> tuple[dict[str, float], dict[str, Any]]:
+    """Measure a clip that has a motion: its figures, and evidence for the totals."""
     config, trace, graph = ruler.config, made.trace, made.frames
+    generated = evaluation.locate(motion, config)
     truth = None
     if truth_path is not None:
         truth = _truth(truth_path, files.sha256(truth_path), config.model_dump_json(by_alias=True))
-    heard = read_heard(clip_path(config, test), config)
-    generated = evaluation.locate(made.motion, config)
-    if truth is not None:
         require_same_joints(truth_path, truth, generated)
+    heard = read_heard(clip_path(config, test), config)
     skate = reference_skate(config, trace.shown_clips())
     recorded = recordings(config, trace)
     row = evaluation.measure_clip(generated, config, heard, truth, trace, graph, skate, recorded)
@@ -405,7 +410,7 @@ def _measure(
         # By the base's prices and pauses whatever the setup searches by.
         method = METHODS[trace.method]
         row["objective"] = method.objective(graph, made.speech, trace.shown_nodes(), config)
-    found = {"generated": None, "truth": None, "beside": None}
+    found: dict[str, Any] = {"generated": None, "truth": None, "beside": None}
     found["seams"] = evaluation.seam_evidence(generated, trace, graph, recorded, ruler.n_clips)
     if with_beside:
         found["beside"] = measure_beside(test, len(generated.world), config, heard, truth, recorded)

@@ -40,7 +40,7 @@ def write_page(
         seed=seed,
         config_hash=seeded(plan.base, seed).signature(),
         config={"fps": plan.base.fps},
-        clips=[_total_row(setup, read_manifest(folder)) for setup, folder in folders.items()],
+        clips=tuple(_total_row(setup, read_manifest(folder)) for setup, folder in folders.items()),
     )
     figures = documents.Summary(
         signature={},
@@ -102,5 +102,5 @@ def _pack_clip(name: str, indexed: IndexedTest, base: Config, folders: Mapping[s
         else:
             notes.append(f"{setup} found no path for this clip")
     if indexed.truth:  # among those that are shown at first
-        motions[1:1] = optional("true motion", notes, lambda: true_motion(Path(indexed.truth), base))
+        motions[1:1] = optional("true motion", notes, partial(true_motion, Path(indexed.truth), base))
     return pack_sounding(name, indexed, base, motions, notes)

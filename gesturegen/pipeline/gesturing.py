@@ -75,6 +75,6 @@ def gesture(
         motion = render.render(path, shown, frames, config)
         if config.refine:
             motion = refiner.refine_motion(motion, speech, config)
-    key_nodes = keynodes.of_speech(speech, config.keywords.words)
+    key_nodes = keynodes.of_speech(speech, config.keywords.words or {})
     trace = submission.make_trace(path, frames, library_name(config, names), speech, key_nodes, config, variant)
     return Gestured(found, trace, motion, frames, speech, seconds)

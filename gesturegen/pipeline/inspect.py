@@ -39,7 +39,7 @@ def inspect(config: Config, target: str, plot: Path | None = None, as_json: bool
         warnings = [(path.stem, note) for note in facts["notes"]]
     elif path.suffix == ".npz":
         found = libraries.method_of(path).inspect(libraries.read(path))
-        facts, lines = found.facts, found.lines
+        facts, lines = found.facts, list(found.lines)
         if found.draw is not None:
             draw = partial(found.draw, path.stem)
         elif plot is not None:

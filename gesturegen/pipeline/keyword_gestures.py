@@ -7,6 +7,7 @@ from dataclasses import replace
 from difflib import get_close_matches
 from functools import lru_cache
 from pathlib import Path as FilePath
+from typing import overload
 
 import numpy as np
 
@@ -136,7 +137,7 @@ def _part(piece: Piece, start: int, end: int, nodes: np.ndarray) -> Piece:
     return replace(piece, target=Target(start, end, kind, keyword), nodes=nodes)
 
 
-class _Joined(Sequence):
+class _Joined(Sequence[Reference]):
     """References followed by others, each read when it is looked at."""
 
     def __init__(self, first: Sequence[Reference], others: Sequence[Reference]):
@@ -145,7 +146,15 @@ class _Joined(Sequence):
     def __len__(self) -> int:
         return len(self.first) + len(self.others)
 
-    def __getitem__(self, number: int) -> Reference:
+    @overload
+    def __getitem__(self, number: int) -> Reference: ...
+
+    @overload
+    def __getitem__(self, number: slice) -> Sequence[Reference]: ...
+
+    def __getitem__(self, number: int | slice) -> Reference | Sequence[Reference]:
+        if isinstance(number, slice):
+            return [self[one] for one in range(len(self))[number]]
         return self.first[number] if number < len(self.first) else self.others[number - len(self.first)]
 
 

@@ -77,6 +77,7 @@ def require_memory_for(
     wanted = min(jobs, len(needs))
     if found == wanted:
         return jobs, []
+    assert available is not None  # where it is unknown, all of them run
     need, most_frames = max(sizes.values())
     gigabytes = f"{need / 1e9:.1f} GB, and {available / 1e9:.1f} GB are free"
     if found == 0:

@@ -116,17 +116,23 @@ def _index(config: Config, references: dict[str, Recording], tests: dict[str, Re
             if name in done
         },
         tests={
-            name: IndexedTest(
-                speaker=done[name]["speaker"],
-                seconds=done[name]["seconds"],
-                audio=relative_to_work(recording.audio_path, config),
-                truth=relative_to_work(truths[name], config) if name in truths else None,
-            )
+            name: _index_test(recording, done[name], truths.get(name), config)
             for name, recording in tests.items()
             if name in done
         },
         training_seconds=sum(_training_seconds(config, references, outcome)),
         failed={name: outcome.errors.get(name, "a bug of gesturegen") for name in tests if name not in done},
+    )
+
+
+def _index_test(recording: Recording, done: dict, truth: Path | None, config: Config) -> IndexedTest:
+    """Build the entry of a test clip; done : what `_preprocess_clip` returned for this clip."""
+    assert recording.audio_path is not None  # a clip without sound is not done
+    return IndexedTest(
+        speaker=done["speaker"],
+        seconds=done["seconds"],
+        audio=relative_to_work(recording.audio_path, config),
+        truth=None if truth is None else relative_to_work(truth, config),
     )
 
 

@@ -177,7 +177,9 @@ def _reenact_clip(
         config.model_dump_json(by_alias=True), names, digests(config, names), _graph_digest(config, names)
     )
     speech = read_speech(test, config)
-    results, shown, earlier = [], [], []
+    results: list[_Made] = []
+    shown: list[np.ndarray] = []
+    earlier: list[SearchPath] = []
     for variant, hashed in enumerate(inputs, 1):
         made = gesture(test, names, graph, references, speech, config, found if variant == 1 else None, earlier)
         earlier.append(made.found)

@@ -60,6 +60,13 @@ def audio_channels(acoustics: Acoustics, n_frames: int) -> np.ndarray:
     return np.concatenate([values, slopes], axis=1).T.astype(np.float32)
 
 
+def _acoustics_of(speech: Speech) -> Acoustics:
+    """Return the acoustic features of a clip; DataError where they were not measured."""
+    if speech.acoustics is None:
+        raise DataError(f"clip {speech.name}: its sound was not measured; set acoustics.enabled: true")
+    return speech.acoustics
+
+
 def refine_motion(motion: Motion, speech: Speech, config: Config) -> Motion:
     """The motion as the network would have it (§3.2).
 
@@ -69,13 +76,12 @@ def refine_motion(motion: Motion, speech: Speech, config: Config) -> Motion:
     need("torch", "torch")
     from gesturegen.refine import training
 
-    if speech.acoustics is None:
-        raise DataError(f"clip {speech.name}: its sound was not measured; set acoustics.enabled: true")
+    acoustics = _acoustics_of(speech)
     joints = gesture_joints(motion.skeleton, config)
-    slow = cleanup.resample(motion, speech.acoustics.rate)
+    slow = cleanup.resample(motion, acoustics.rate)
     channels = representation.to_channels(slow, joints)
     refined = training.refine(
-        require_trained(config), audio_channels(speech.acoustics, slow.n_frames), channels.T.astype(np.float32),
+        require_trained(config), audio_channels(acoustics, slow.n_frames), channels.T.astype(np.float32),
         representation.describe(slow, joints), config.refiner,
     )  # fmt: skip
     changed = representation.from_channels(slow, joints, refined.T)
@@ -103,8 +109,11 @@ def train_refiner(config: Config, jobs: int, quiet: bool) -> Summary:
     if outcome.failed:
         return Summary(outcome)
     parts = [outcome.done[name] for name in names]
+    audio, fake, real = (np.concatenate([part[key] for part in parts]) for key in ("audio", "fake", "real"))
     pairs = training.Pairs(
-        *(np.concatenate([part[key] for part in parts]) for key in ("audio", "fake", "real")),
+        audio,
+        fake,
+        real,
         groups=np.repeat(np.arange(len(parts)), [len(part["audio"]) for part in parts]),
     )
     if len(pairs.audio) < 2:
@@ -152,7 +161,8 @@ def _recording(name: str, names: Sequence[str], config: Config) -> dict:
     """Windows of one recording: its sound, what k-NN matching shows for it, and what was recorded (§3.3)."""
     references, library = _library(config.model_dump_json(by_alias=True), tuple(names), digests(config, names))
     own = references[list(names).index(name)]
-    fps, rate = own.motion.fps, own.speech.acoustics.rate
+    acoustics = _acoustics_of(own.speech)
+    fps, rate = own.motion.fps, acoustics.rate
     joints = gesture_joints(own.motion.skeleton, config)
     window = round(config.window_seconds * rate)
     stride = max(round(config.refiner.stride_seconds * rate), 1)
@@ -166,7 +176,7 @@ def _recording(name: str, names: Sequence[str], config: Config) -> dict:
         ]
         / fps
     )
-    values = own.speech.acoustics.values
+    values = acoustics.values
     heard = Acoustics(values[np.minimum(np.round(times * rate).astype(int), len(values) - 1)], rate)
     audio = audio_channels(heard, real.shape[1])
     starts = np.arange(0, real.shape[1] - window + 1, stride)

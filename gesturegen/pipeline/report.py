@@ -111,9 +111,9 @@ def _ablation(config: Config) -> page.Ablation | None:
     if plot is None and table is None:
         return None
     return page.Ablation(
-        plot=plot and sealing.read_png(plot, "ablate"),
-        results=table and documents.read(table, documents.Ablation, "ablate").model_dump(),
-        lengths=lengths and documents.read(lengths, documents.Lengths, "ablate").model_dump(),
+        plot=None if plot is None else sealing.read_png(plot, "ablate"),
+        results=None if table is None else documents.read(table, documents.Ablation, "ablate").model_dump(),
+        lengths=None if lengths is None else documents.read(lengths, documents.Lengths, "ablate").model_dump(),
     )
 
 
@@ -126,7 +126,7 @@ def _pack_clip(name: str, indexed: IndexedTest | None, config: Config, others: S
     notes: list[str] = []
     motions = [reenacted(name, work_path(config), config, "generated")]
     if indexed.truth:
-        motions += optional("true motion", notes, lambda: true_motion(Path(indexed.truth), config))
+        motions += optional("true motion", notes, partial(true_motion, Path(indexed.truth), config))
     for run in others:
         if name in run.names:
             motions.append(reenacted(name, run.work, config, run.label))
@@ -138,14 +138,19 @@ def _pack_clip(name: str, indexed: IndexedTest | None, config: Config, others: S
 def pack_sounding(name: str, indexed: IndexedTest, config: Config, motions: list[dict], notes: list[str]) -> dict:
     """Pack the motions of a clip with its speech as the text that goes into a page; `notes` say what is not there."""
     speech = read_speech(name, config)
-    sound = [None]
+    sounds: list[dict] = []
     if indexed.audio:
-        sound = optional("sound", notes, lambda: pack.pack_audio(*audio.read_samples(indexed.audio))) or [None]
+        sounds = optional("sound", notes, partial(_pack_sound, indexed.audio))
     else:
         notes.append("no sound: the index of clips names no audio file; run `gesturegen preprocess` again")
-    packed = pack.pack_clip(speech, config.keywords.words, motions, sound[0], notes)
+    packed = pack.pack_clip(speech, config.keywords.words or {}, motions, sounds[0] if sounds else None, notes)
     distances = [distance for motion in motions if motion["trace"] for _, distance, _ in motion["trace"]["joins"]]
     return {"text": pack.inert_json(packed), "notes": notes, "largest_join": max(distances, default=0.0)}
+
+
+def _pack_sound(path: str) -> dict:
+    """Pack the sound of an audio file."""
+    return pack.pack_audio(*audio.read_samples(path))
 
 
 def reenacted(name: str, work: Path, config: Config, label: str) -> dict:

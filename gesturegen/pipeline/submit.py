@@ -5,6 +5,7 @@ from __future__ import annotations
 import zipfile
 from contextlib import suppress
 from functools import lru_cache, partial
+from operator import methodcaller
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,12 @@ def check(config: Config, folder: Path | None, strict: bool, jobs: int, quiet: b
     return summary
 
 
+def _reference_motions(config: Config) -> list[Path]:
+    """List the BVH files of the recordings that may become references."""
+    found = recordings.reference_recordings(config)
+    return [recording.motion_path for recording in found if recording.motion_path is not None]
+
+
 def _training_skeletons(config: Config) -> list[Skeleton]:
     """The skeletons of the training data, each once; DataError when no reference has a readable one.
 
@@ -58,9 +65,9 @@ def _training_skeletons(config: Config) -> list[Skeleton]:
     """
     skeletons: list[Skeleton] = []
     broken: list[DataError] = []
-    for recording in recordings.reference_recordings(config):
+    for path in _reference_motions(config):
         try:
-            skeleton = bvh.read_skeleton(recording.motion_path)
+            skeleton = bvh.read_skeleton(path)
         except DataError as error:
             broken.append(error)
             continue
@@ -106,8 +113,8 @@ def _speaking(recording: recordings.Recording, config: Config) -> np.ndarray | N
 
 def _recorded_turns(config: Config) -> dict[str, float]:
     """The fastest turn of each joint, by name, in the references that can be read, in degrees a second."""
-    paths = [recording.motion_path for recording in recordings.reference_recordings(config)]
-    return _fastest_turns(tuple((path, sealing.file_state(path)) for path in paths if path.is_file()), config.fps)
+    paths = [path for path in _reference_motions(config) if path.is_file()]
+    return _fastest_turns(tuple((path, sealing.file_state(path)) for path in paths), config.fps)
 
 
 @lru_cache(maxsize=1)
@@ -137,7 +144,7 @@ def pack(config: Config, jobs: int, quiet: bool) -> Summary:
             path.unlink()
     contents = {name: (work_path(config, "reenact") / name).read_bytes() for name in names}
     for name, content in contents.items():
-        files.write_bytes(folder / name, lambda file, content=content: file.write(content))
+        files.write_bytes(folder / name, methodcaller("write", content))
     files.write_bytes(archive, lambda file: _write_zip(file, contents))
     summary.written = [folder, archive]
     return summary
