@@ -42,7 +42,7 @@ def written_in_place(entry: Any, key: tuple, lines: Mapping[tuple, int], origin:
 
 
 def combinations(grid: Grid, lines: Mapping[tuple, int], origin: str) -> Iterator[tuple[str, Changes, str]]:
-    """Give each combination of a grid a name: name, settings, and the place in the file that errors tell.
+    """Name each combination of a grid: yield name, settings, and the place in the file that errors tell.
 
     Raises ConfigError, of one line.
     """
@@ -80,7 +80,7 @@ def _filled_in(pattern: str, labels: Mapping[str, str]) -> str:
 
 
 def _points(axis: str, values: Any, lines: Mapping[tuple, int], origin: str) -> Iterator[tuple[str, Changes]]:
-    """The values of an axis: label, and the settings that it means."""
+    """Read the values of an axis: label, and the settings that it means."""
     key = ("grid", "axes", axis)
     where = f"{origin}:{lines[key]}: grid.axes.{axis}"
     path = tuple(axis.split("."))
@@ -108,12 +108,12 @@ def _section(values: Any, key: tuple, lines: Mapping[tuple, int], where: str) ->
 
 
 def _below(key: tuple, lines: Mapping[tuple, int]) -> dict[tuple, int]:
-    """The lines of all that is below a key, by their path from there."""
+    """Select the lines of all that is below a key, by their path from there."""
     return {other[len(key) :]: line for other, line in lines.items() if other[: len(key)] == key != other}
 
 
 def _together(parts: Sequence[Changes], where: str) -> Changes:
-    """Settings of several axes; ConfigError where two of them set the same."""
+    """Merge the settings of several axes; ConfigError where two of them set the same."""
     values: dict[str, Any] = {}
     lines: dict[tuple, int] = {}
     for part in parts:

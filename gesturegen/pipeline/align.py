@@ -1,4 +1,4 @@
-"""`align` and `transcribe`: from texts without times, or from sound alone, to transcripts (extra `align`)."""
+"""The commands `align` and `transcribe`: write transcripts with times from texts or sound alone (extra `align`)."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def transcribe(paths: Sequence[Path], output: Path | None, force: bool, jobs: in
 def _write_all(
     tasks: Mapping[str, Callable], places: Mapping[str, Path], force: bool, label: str, jobs: int, quiet: bool
 ) -> Summary:
-    """Run the tasks but for those whose file is there already, unless by force."""
+    """Run the tasks whose file does not exist yet, or all of them by `force`."""
     there = [] if force else [name for name, place in sorted(places.items()) if place.exists()]
     folders = sorted({place.parent for name, place in places.items() if name not in there})
     for folder in folders:
@@ -66,7 +66,7 @@ def _write_all(
 
 
 def _recordings(paths: Sequence[Path]) -> list[Recording]:
-    """The recordings of folders, and those that single files belong to; DataError for a path that is not there."""
+    """List the recordings of folders, and those that single files belong to; DataError for a path that is not there."""
     found: dict[str, Recording] = {}
     for path in paths:
         if inputs.is_dir(path):

@@ -1,4 +1,4 @@
-"""`ablate` and `compare`: the same clips through several setups and seeds, to one table."""
+"""The commands `ablate` and `compare`: gesture the same clips in several setups and seeds, for one table."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class _Run:
 
 @dataclass(frozen=True)
 class _Ruler:
-    """What all setups are measured by, also where they hear other onsets; keys : of the columns; n_clips : of a run."""
+    """The settings that all setups are measured by, whatever theirs are; keys : of the columns; n_clips : of a run."""
 
     config: Config
     keys: frozenset[str]
@@ -157,7 +157,7 @@ def _kept_in(folder: Path, seed: int, plan: Plan, preset: Preset) -> Path | None
 
 
 def _remove_earlier(plan: Plan, preset: Preset, folder: Path, page: Path | None) -> None:
-    """What an earlier run left must not pass for this one's, should this one fail."""
+    """Remove the results of an earlier run, which must not pass for this one's, should this one fail."""
     names = [
         *(f"{preset.folder}.{kind}" for kind in ("md", "csv", "json", "png")),
         "reference_length.json",
@@ -252,7 +252,7 @@ def _run_all(
 
 
 def _make_ruler(base: Config, columns: Sequence[Measure], n_clips: int) -> _Ruler:
-    """The base config, without the Fréchet distances of windows, which take as long as a search, unless they are shown."""
+    """Take the base config, without the Fréchet distances of windows, slow as a search, unless they are shown."""
     keys = frozenset(column.key for column in columns)
     if not keys & {measure.key for measure in frechet_measures(base.evaluation.frechet_windows)}:
         base = base.model_copy(update={"evaluation": base.evaluation.model_copy(update={"frechet_windows": ()})})
@@ -265,7 +265,10 @@ def _title(run: _Run, test: str) -> str:
 
 
 def _tasks(batch: Sequence[_Run], ruler: _Ruler, index: Index, with_beside: bool) -> dict[str, Callable[[], dict]]:
-    """with_beside : whether to measure what stands beside, which is the same for all runs"""
+    """Name the tasks of a batch of runs, one for each run and test clip.
+
+    with_beside : whether to measure what stands beside, which is the same for all runs
+    """
     return {
         _title(run, test): partial(
             _run_clip, run, test, ruler, index.tests[test].truth, with_beside and run is batch[0]
@@ -278,7 +281,7 @@ def _tasks(batch: Sequence[_Run], ruler: _Ruler, index: Index, with_beside: bool
 def _sum_up(
     run: _Run, done: Sequence[dict], columns: Sequence[Measure], ruler: _Ruler, index: Index
 ) -> dict[str, float]:  # fmt: skip
-    """The figures of a run; its rows are given those that all clips are needed for."""
+    """Compute the figures of a run, and add to its rows those that all clips are needed for."""
     rows = [one["row"] for one in done]
     pairs = [(one["generated"], one["truth"]) for one in done if one["truth"] is not None]
     whole = index.durations
@@ -308,7 +311,7 @@ def _complete_work_folder(kept: Path, config: Config, rows: Iterable[ClipRow]) -
 
 
 def _measure_memory(runs: Sequence[_Run], preset: Preset, index: Index, jobs: int, quiet: bool) -> Summary:
-    """For each setup what memory the search of the longest clip takes."""
+    """Measure for each setup how much memory the search of the longest clip takes."""
     longest = max(sorted(index.tests), key=lambda name: index.tests[name].seconds)
     named = {
         run.setup: partial(measure_search, run.libraries[run.references[longest]], longest, run.config) for run in runs
@@ -343,7 +346,7 @@ def _write(result: figures.Result, plan: Plan, made: Summary) -> None:
 
 
 def _run_clip(run: _Run, test: str, ruler: _Ruler, truth_path: str | None, with_beside: bool) -> dict:
-    """The row of a clip, and evidence for the totals: its motion and truth where they are pooled, and what stands beside."""
+    """Gesture and measure a clip: its row, and evidence for the totals (motion, truth, what stands beside)."""
     made = _gesture(run, test, ruler.config)
     written = {}
     if run.kept is not None:
@@ -372,7 +375,7 @@ def _gesture(run: _Run, test: str, base: Config) -> Gestured:
 
 @lru_cache(maxsize=1)
 def _references(config_json: str, names: tuple[str, ...], _digests: tuple[str, ...]) -> Sequence[clips.Reference]:
-    """A worker keeps the last ones: the setups follow one another on the same references."""
+    """Load references; a worker keeps the last ones, since the setups follow one another on the same references."""
     config = Config.model_validate_json(config_json)
     return METHODS[config.method].shown_clips(config, names)
 
@@ -381,7 +384,7 @@ _warm: set[tuple] = set()
 
 
 def _warm_up(library: ReferenceFrames, speech: clips.Speech, config: Config) -> None:
-    """Once per worker, search two seconds of a speech untimed: the first call of a loop compiles it."""
+    """Search two seconds of a speech untimed, once per worker: the first call of a loop compiles it."""
     kind = config.method, config.search_name, config.initialization
     if kind not in _warm:
         short = replace(speech, n_frames=min(speech.n_frames, round(2 * speech.fps)))

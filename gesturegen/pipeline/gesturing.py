@@ -1,4 +1,4 @@
-"""From a speech and a library to a motion: search, render, trace; the one way, whichever command asks."""
+"""The generation of a motion from a speech and a library, for every command: search, render, trace."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from gesturegen.workspace import clip_path, library_name
 
 @dataclass(frozen=True, eq=False)
 class Gestured:
-    """What became of a test clip.
+    """The result of gesturing a test clip.
 
     found : the path as the method found it, from which further variants are to differ; motion : None where the search
     got stuck; frames : what the nodes of the trace are of; seconds : what the search took, NaN where it was done before

@@ -1,4 +1,4 @@
-"""`report`: a run to one HTML file in which every clip can be watched."""
+"""The command `report`: write a run as one HTML file in which every clip can be watched."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def _other_runs(compare: Sequence[tuple[str, Path]]) -> list[_Run]:
 
 
 def _evaluation(config: Config, manifest: Manifest) -> tuple[list[str], documents.Summary | None]:
-    """What the reader must know of the figures, and the figures; None where there are none of this run."""
+    """Read the figures of this run, None where there are none, and notices on them for the reader."""
     path = work_path(config, "evaluate", "summary.json")
     if not path.is_file():
         return ["This run has not been evaluated: run `gesturegen evaluate`, then `gesturegen report` again."], None
@@ -103,7 +103,7 @@ def _evaluation(config: Config, manifest: Manifest) -> tuple[list[str], document
 
 
 def _ablation(config: Config) -> page.Ablation | None:
-    """Results of `gesturegen ablate` in the same work folder, where there are any."""
+    """Read the results of `gesturegen ablate` in the same work folder, where there are any."""
     names = ("ablation.png", "ablation.json", "reference_length.json")
     plot, table, lengths = (
         path if path.is_file() else None for path in (work_path(config, "ablation", n) for n in names)
@@ -118,7 +118,7 @@ def _ablation(config: Config) -> page.Ablation | None:
 
 
 def _pack_clip(name: str, indexed: IndexedTest | None, config: Config, others: Sequence[_Run]) -> dict:
-    """One clip as the text that goes into the page, and notes on what is not there."""
+    """Pack one clip as the text that goes into the page, with notes on what is missing."""
     if indexed is None:
         raise DataError(
             f"clip {name}: reenacted from other clips than are there now; run `gesturegen reenact` again"

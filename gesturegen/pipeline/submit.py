@@ -1,4 +1,4 @@
-"""`check` and `pack`: is a folder a valid submission, and the archive of it."""
+"""The commands `check` and `pack`: check that a folder is a valid submission, and archive it."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def _reference_motions(config: Config) -> list[Path]:
 
 
 def _training_skeletons(config: Config) -> list[Skeleton]:
-    """The skeletons of the training data, each once; DataError when no reference has a readable one.
+    """Read the skeletons of the training data, each once; DataError when no reference has a readable one.
 
     A broken reference is for `preprocess` to tell of: it must not keep the clips from being checked.
     """
@@ -101,7 +101,7 @@ def _check_clip(
 
 
 def _speaking(recording: recordings.Recording, config: Config) -> np.ndarray | None:
-    """In which frames a test speech goes on; None where it cannot be read."""
+    """Mark the frames in which somebody speaks in a test clip; None where its speech cannot be read."""
     try:
         stored = clip_path(config, recording.name)
         clip = clips.load_if_current(stored, config, clips.input_digest(recording), False) if stored.is_file() else None
@@ -112,14 +112,14 @@ def _speaking(recording: recordings.Recording, config: Config) -> np.ndarray | N
 
 
 def _recorded_turns(config: Config) -> dict[str, float]:
-    """The fastest turn of each joint, by name, in the references that can be read, in degrees a second."""
+    """Find the fastest turn of each joint, by name, in the references that can be read, in degrees a second."""
     paths = [path for path in _reference_motions(config) if path.is_file()]
     return _fastest_turns(tuple((path, sealing.file_state(path)) for path in paths), config.fps)
 
 
 @lru_cache(maxsize=1)
 def _fastest_turns(motions: tuple[tuple[Path, tuple[int, ...]], ...], fps: int) -> dict[str, float]:
-    """A worker reads the references once for all clips; motions : BVH files, and the state that each is in."""
+    """Find the fastest turn of each joint; remembered for all clips; motions : BVH files, and the state of each."""
     fastest: dict[str, float] = {}
     for path, _ in motions:
         with suppress(DataError):  # of a broken reference `preprocess` tells
@@ -151,7 +151,7 @@ def pack(config: Config, jobs: int, quiet: bool) -> Summary:
 
 
 def _write_zip(file, contents: dict[str, bytes]) -> None:
-    """The same bytes for the same contents: entries sorted, no times."""
+    """Write a ZIP archive, with the same bytes for the same contents: entries sorted, no times."""
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in contents.items():
             entry = zipfile.ZipInfo(f"submission/{name}")
