@@ -1,4 +1,4 @@
-"""Why do the rows of the table differ? What the traces and the motions themselves say.
+"""Figures, from traces and motions, that explain why the rows of an experiment's table differ.
 
 A *seam* is a hard join or an unnatural edge inside a path: a place where the motion leaves its recording. What
 lies within `REACH` frames of one is *at a seam*: a cross-fade reaches that far (`blend.l_blend`).

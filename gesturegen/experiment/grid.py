@@ -42,7 +42,7 @@ def written_in_place(entry: Any, key: tuple, lines: Mapping[tuple, int], origin:
 
 
 def combinations(grid: Grid, lines: Mapping[tuple, int], origin: str) -> Iterator[tuple[str, Changes, str]]:
-    """Give each combination of a grid a name: name, settings, and the place in the file that errors tell.
+    """Name each combination of a grid: yield name, settings, and the place in the file that errors tell.
 
     Raises ConfigError, of one line.
     """
@@ -61,7 +61,7 @@ def combinations(grid: Grid, lines: Mapping[tuple, int], origin: str) -> Iterato
     found: dict[str, Changes] = {}
     for points in product(*axes.values()):
         labels = dict(zip(axes, (label for label, _ in points), strict=True))
-        name = _usable(re.sub(r"\{([^{}]*)\}", lambda match, labels=labels: labels[match[1]], pattern), at)
+        name = _usable(_filled_in(pattern, labels), at)
         if name in found:
             raise ConfigError(f"{at}: two setups are called {name}; put every axis into `name`")
         found[name] = _together([changes for _, changes in points], at)
@@ -74,8 +74,13 @@ def combinations(grid: Grid, lines: Mapping[tuple, int], origin: str) -> Iterato
     yield from ((name, changes, at) for name, changes in found.items() if name not in grid.leave_out)
 
 
+def _filled_in(pattern: str, labels: Mapping[str, str]) -> str:
+    """Replace each `{axis}` of a pattern by the label of this axis."""
+    return re.sub(r"\{([^{}]*)\}", lambda match: labels[match[1]], pattern)
+
+
 def _points(axis: str, values: Any, lines: Mapping[tuple, int], origin: str) -> Iterator[tuple[str, Changes]]:
-    """The values of an axis: label, and the settings that it means."""
+    """Read the values of an axis: label, and the settings that it means."""
     key = ("grid", "axes", axis)
     where = f"{origin}:{lines[key]}: grid.axes.{axis}"
     path = tuple(axis.split("."))
@@ -103,12 +108,12 @@ def _section(values: Any, key: tuple, lines: Mapping[tuple, int], where: str) ->
 
 
 def _below(key: tuple, lines: Mapping[tuple, int]) -> dict[tuple, int]:
-    """The lines of all that is below a key, by their path from there."""
+    """Select the lines of all that is below a key, by their path from there."""
     return {other[len(key) :]: line for other, line in lines.items() if other[: len(key)] == key != other}
 
 
 def _together(parts: Sequence[Changes], where: str) -> Changes:
-    """Settings of several axes; ConfigError where two of them set the same."""
+    """Merge the settings of several axes; ConfigError where two of them set the same."""
     values: dict[str, Any] = {}
     lines: dict[tuple, int] = {}
     for part in parts:

@@ -1,4 +1,4 @@
-"""What an experiment runs: one base config, setups that change a few of its settings, and seeds."""
+"""The plan of an experiment: one base config, setups that change a few of its settings, and seeds."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SHARED = (
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What an experiment runs.
+    """The plan of an experiment.
 
     base : what all setups share; setups : their settings by name, in the order of the table
     """

@@ -1,4 +1,4 @@
-"""An ablation as bars: a panel per figure, a bar per setup, whiskers for the spread over seeds."""
+"""The bar plot of an ablation: a panel per figure, a bar per setup, whiskers for the spread over seeds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an experiment measures and leaves behind: `ablate` and `compare` are two presets of one."""
+"""The presets of an experiment, `ablate` and `compare`: what each measures and writes."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ PAPER = {
 
 @dataclass(frozen=True)
 class Preset:
-    """What an experiment is called, what it measures, and what it leaves beside its table.
+    """A kind of experiment: its name, what it measures, and what it writes beside its table.
 
     command, folder : its command; the folder of its files, and their name
     columns : of its table, by the base config; only what they show is measured

@@ -1,4 +1,4 @@
-"""How join distance and coverage change with the length of the references, for each way of searching them."""
+"""Join distance and coverage by the length of the references, for each way of searching them."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _but_for_length(config: Config) -> str:
 
 
 def _point(name: str, config: Config, rows: Sequence[Mapping]) -> dict:
-    """One setup: over all its clips and seeds that have an output, each figure None where there is none.
+    """Sum up one setup over all its clips and seeds that have an output; a figure that is missing is None.
 
     reference_seconds : of a graph; used_seconds : of it, that a clip shows; both means over the clips
     join_distance_per_minute : cm per minute of output

@@ -23,7 +23,7 @@ def format_terminal(result: Result) -> str:
 
 
 def format_markdown(result: Result) -> str:
-    """Write the same as Markdown."""
+    """Write the tables of an experiment as Markdown."""
     parts = [f"# {result.preset.title}"]
     for block, (header, *rows) in _blocks(result).items():
         lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
@@ -84,7 +84,7 @@ def _json_row(row: dict) -> dict:
 
 
 def _blocks(result: Result) -> dict[str, list[list[str]]]:
-    """Heading and rows of each block of columns."""
+    """Collect heading and rows of each block of columns."""
     return {
         block: _cells(result, [column for column in result.columns if column.block == block])
         for block in dict.fromkeys(column.block for column in result.columns)
@@ -108,7 +108,7 @@ def _cells(result: Result, columns: Sequence[Measure]) -> list[list[str]]:
 
 
 def _beside_cells(beside: Mapping[str, Mapping], columns: Sequence[Measure]) -> list[list[str]]:
-    """Rows of what a block's setups are to be compared with, where there are figures of it."""
+    """Format the rows of what a block's setups are to be compared with, where there are figures of it."""
     if not columns or columns[0].block not in VIEWER_BLOCKS:
         return []
     return [
@@ -118,7 +118,7 @@ def _beside_cells(beside: Mapping[str, Mapping], columns: Sequence[Measure]) -> 
 
 
 def _printed(figures: Mapping[str, float], key: str) -> str:
-    """A figure of the paper's Table 2, as printed there."""
+    """Look up a figure of the paper's Table 2, as printed there."""
     value = figures.get(key, math.nan)
     if math.isnan(value):
         return "-"
@@ -135,7 +135,7 @@ def format_spread(mean: float, spread: float) -> str:
 
 
 def _brief(value: float) -> str:
-    """Four significant digits; whole figures in full."""
+    """Format a figure to four significant digits, whole ones in full."""
     return format_figure(value if abs(value) >= 1000 and value.is_integer() else float(f"{value:.4g}"))
 
 

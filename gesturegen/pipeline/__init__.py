@@ -1,4 +1,4 @@
-"""One function per subcommand: files in, files out. The only home of work over many clips.
+"""The subcommands, one function each: they read files, write files, and alone work on many clips at once.
 
 Each returns what the command line shows; errors of single clips are in its `Outcome`, so that the other
 clips are unharmed. An error that concerns the whole command is raised.

@@ -1,4 +1,4 @@
-"""`build-graph`: clips to the graphs or databases that methods search (§4.1)."""
+"""The command `build-graph`: build the graphs or databases that methods search from clips (§4.1)."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def build_graphs(config: Config, jobs: int, quiet: bool, reuse: bool = False) ->
 
 
 def build_libraries(wanted: Mapping[str, Job], jobs: int, label: str, quiet: bool, reuse: bool = False) -> Outcome:
-    """Build and store libraries, of several methods perhaps; what is done is their `Description`, by name."""
+    """Build and store libraries, possibly for several methods; the outcome holds their `Description` by name."""
     todo = {name for name, job in wanted.items() if not (reuse and libraries.is_current(job, _digests(job)))}
     parts: dict[str, Any] = {}
     notes: dict[str, Any] = {}
@@ -76,7 +76,7 @@ def build_libraries(wanted: Mapping[str, Job], jobs: int, label: str, quiet: boo
 
 
 def _unmatched(done: Mapping[str, Description], wanted: Mapping[str, Job]) -> dict[str, str]:
-    """Errors by library, where a pattern of the config matches nothing in any library built with the same patterns."""
+    """Find, by library, patterns of the config that match nothing in any library built with the same patterns."""
     lacking: dict[tuple[str, str, str], dict[str, str]] = {}
     users: dict[tuple[str, str], int] = {}
     for name, told in done.items():

@@ -1,4 +1,4 @@
-"""What the commands share: their summary, the places of their files, and the index of preprocessed clips."""
+"""Helpers of all commands: their summary, the places of their files, and the index of preprocessed clips."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from gesturegen.workspace import work_path
 
 @dataclass
 class Summary:
-    """What a command did: per-clip outcome, warnings `(clip, text)`, lines and the files to look at."""
+    """The result of a command: per-clip outcome, warnings `(clip, text)`, lines to print and the files written."""
 
     outcome: Outcome
     warnings: list[tuple[str, str]] = field(default_factory=list)
@@ -33,7 +33,7 @@ class Summary:
 
 
 def by_kind(notes: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Notes `(clip, text)`, with what is taken for granted of skeletons, units and axes told once, of the first clip."""
+    """Merge notes `(clip, text)` on assumed skeletons, units and axes: each kind is told once, of its first clip."""
     kinds: dict[str, list[int]] = {}
     for place, (_, note) in enumerate(notes):
         kind = note if note.startswith("the skeleton has none") else space.kind_of(note)
@@ -50,7 +50,7 @@ def by_kind(notes: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
 
 
 def read_index(config: Config) -> Index:
-    """What `preprocess` left for later commands, with places that can be opened.
+    """Read the index of clips that `preprocess` wrote, with paths that can be opened.
 
     Raises DataError when it is missing or of other settings.
     """
@@ -65,7 +65,7 @@ def read_index(config: Config) -> Index:
 
 
 def data_settings(config: Config) -> str:
-    """Canonical JSON of the settings that say which recordings there are.
+    """Format the settings that say which recordings there are as canonical JSON.
 
     Folders are as seen from the work folder of the clips, which others may share, such as those of variants.
     """
@@ -78,12 +78,12 @@ def data_settings(config: Config) -> str:
 
 
 def relative_to_work(path: Path, config: Config) -> str:
-    """How the index names a recording: by its place as seen from the work folder, since both may be moved together."""
+    """Express a recording's path relative to the work folder, since both may be moved together."""
     return Path(os.path.relpath(path.resolve(), work_path(config).resolve())).as_posix()
 
 
 def _located(tests: Mapping[str, IndexedTest], index_path: Path, config: Config) -> dict[str, IndexedTest]:
-    """The test clips with places of audio and true motion that can be opened.
+    """Resolve the paths of audio and true motion of the test clips to paths that can be opened.
 
     Where there is nothing any more, the data folder that the config names is searched for a clip of that name.
     """
@@ -117,7 +117,7 @@ def _places(row: IndexedTest) -> dict[str, str | None]:
 
 
 def read_manifest(work: Path) -> Manifest:
-    """What `reenact` left in a work folder; DataError when it has not been run there."""
+    """Read the manifest that `reenact` wrote in a work folder; DataError when it has not been run there."""
     path = work / "reenact" / "manifest.json"
     if not path.is_file():
         raise DataError(f"{path.parent}: nothing has been reenacted there; run `gesturegen reenact` first")
@@ -125,7 +125,7 @@ def read_manifest(work: Path) -> Manifest:
 
 
 def chosen_references(config: Config, index: Index) -> dict[str, tuple[str, ...]]:
-    """The reference clips of each test clip, among the clips that could be preprocessed."""
+    """Choose the reference clips of each test clip, among the clips that could be preprocessed."""
     if not index.tests:
         raise DataError("no test clip could be preprocessed; mend the errors that `gesturegen preprocess` lists")
     require_names(config, index.references, [*index.tests, *index.failed])
@@ -137,7 +137,7 @@ def chosen_references(config: Config, index: Index) -> dict[str, tuple[str, ...]
 
 
 def require_names(config: Config, references: Iterable[str], tests: Iterable[str]) -> None:
-    """ConfigError, one line for each, where a clip that the settings name is none of these; a typo must not pass.
+    """Refuse settings that name a clip which does not exist: ConfigError, one line for each; a typo must not pass.
 
     Patterns are taken to the letter first, then as globs. `blacklist` and `exclude` are looked at by `preprocess`.
     """

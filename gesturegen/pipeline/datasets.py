@@ -1,4 +1,4 @@
-"""`init` and `demo-data`."""
+"""The commands `init` and `demo-data`: write a config to start from, and a small dataset to try."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`doctor`: what is wrong with a data set, and what can be done with it."""
+"""The command `doctor`: report what is wrong with a dataset, and what can be done with it."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def _has_motion(one: examination.Examined, parts: dict[str, list[Recording]]) ->
 
 
 def _folders(config: Config) -> dict[str, Path]:
-    """The folders to look at by what they are called, references first."""
+    """Map the names of the folders to look at to the folders, references first."""
     data = Path(config.paths.data)
     if config.data.references is not None or config.data.tests is not None:
         chosen = {"references": config.data.references, "tests": config.data.tests}

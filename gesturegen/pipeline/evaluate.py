@@ -1,4 +1,4 @@
-"""`evaluate`: motions to figures (§5.2)."""
+"""The command `evaluate`: measure motions (§5.2)."""
 
 from __future__ import annotations
 
@@ -68,8 +68,10 @@ def evaluate(
     reuse : keep a run's figures when neither its clips, their truth nor the settings have changed
     """
     lost: list[tuple[str, str]] = []
+    failed: list[str] = []
+    index: Index | None = None
     if bvh_folder is not None:
-        evidence, failed, index = _foreign_evidence(bvh_folder, audio_folder, truth_folder), [], None
+        evidence = _foreign_evidence(bvh_folder, audio_folder, truth_folder)
         signature = {"method": "files", "config_hash": config.signature(), "seed": "-", "version": __version__}
     else:
         index = read_index(config)
@@ -118,14 +120,14 @@ def evaluate(
 
 
 def _inputs(evidence: list[_Evidence], config: Config) -> str:
-    """A hash of all that a run's figures are made of."""
+    """Hash everything that a run's figures depend on."""
     paths = [work_path(config, "reenact", "manifest.json"), *(item.truth for item in evidence if item.truth)]
     made_of = [__version__, config.signature(), *(files.sha256(path) for path in paths)]
     return hashlib.sha256("\n".join(made_of).encode()).hexdigest()[:12]
 
 
 def _kept_figures(config: Config, signature: dict, names: set[str]) -> Summary | None:
-    """The stored tables, when they were made of the same inputs; DamagedError when one is not as it was written.
+    """Return the stored tables when they were made of the same inputs; DamagedError when one was changed since.
 
     names : of the clips, which must all be in them: one that could not be measured may have been mended since
     """
@@ -180,7 +182,7 @@ def _write_tables(
 def _lines(
     rows: dict, total: dict, columns: list, control: dict, signature: dict, beside: dict, full: bool
 ) -> list[str]:  # fmt: skip
-    """The tables as they are printed; that of control where any clip is controlled."""
+    """Format the tables for printing, with that of control where any clip is controlled."""
     if not full:
         blocks = [tables.format_summary(total, len(rows), columns, beside)]
     else:
@@ -196,7 +198,7 @@ def _control_path(config: Config) -> Path:
 
 
 def _control_csv(control: Mapping[str, Sequence[Mapping]], signature: Mapping) -> str:
-    """A row per demand, in cm, cm/s and seconds, each ending in what produced it; a bound that is none is an empty cell."""
+    """Format a CSV row per demand, in cm, cm/s and seconds, ending in what produced it; a cell without bound is empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["clip", *_CONTROL_KEYS, *signature])
@@ -247,11 +249,13 @@ def _foreign_evidence(bvh_folder: Path, audio_folder: Path | None, truth_folder:
 def _measure(evidence: _Evidence, config: Config, n_clips: int) -> dict:
     inputs.require_usable_name(evidence.motion)
     generated = locate_file(evidence.motion, config)
-    truth = locate_file(evidence.truth, config) if evidence.truth else None
-    if truth is not None:
-        require_same_joints(evidence.truth, truth, generated)
+    truth = None
     # Our own motions are as their references are, of which `preprocess` tells.
-    named = [(path.stem, joints) for path, joints in ((evidence.motion, generated), (evidence.truth, truth)) if joints]
+    named = [(evidence.motion.stem, generated)]
+    if evidence.truth is not None:
+        truth = locate_file(evidence.truth, config)
+        require_same_joints(evidence.truth, truth, generated)
+        named.append((evidence.truth.stem, truth))
     notes = [(name, note) for name, joints in named for note in joints.notes] if evidence.trace is None else []
     trace = graph = seams = None
     references: list[str] = []
@@ -266,15 +270,17 @@ def _measure(evidence: _Evidence, config: Config, n_clips: int) -> dict:
         trace.require_nodes(graph.n_nodes)
         skate, recorded = reference_skate(config, trace.shown_clips()), recordings(config, trace)
         seams = evaluation.seam_evidence(generated, trace, graph, recorded, n_clips)
-    heard = read_heard(evidence.audio, config)
+    heard = None if evidence.audio is None else read_heard(evidence.audio, config)
     row = evaluation.measure_clip(generated, config, heard, truth, trace, graph, skate, recorded)
-    control = [] if trace is None else _measure_control(generated, trace, graph, config)
+    control = [] if trace is None or graph is None else _measure_control(generated, trace, graph, config)
     beside = measure_beside(evidence.name, len(generated.world), config, heard, truth, recorded)
     # There is one process that gathers all clips: the curves have served, and so have motions without truth.
-    generated, truth = truth and replace(generated, curves=None), truth and replace(truth, curves=None)
+    pooled: dict[str, evaluation.Joints | None] = {"generated": None, "truth": None}
+    if truth is not None:
+        pooled = {"generated": replace(generated, curves=None), "truth": replace(truth, curves=None)}
     return {
-        "row": row, "generated": generated, "truth": truth, "references": references, "control": control,
-        "seams": seams, "beside": beside, "notes": notes,
+        "row": row, **pooled, "references": references, "control": control, "seams": seams, "beside": beside,
+        "notes": notes,
     }  # fmt: skip
 
 
@@ -282,7 +288,7 @@ def measure_beside(
     name: str, n_frames: int, config: Config, heard: evaluation.Heard | None, truth: evaluation.Joints | None,
     recorded: Sequence[viewer.Recorded],
 ) -> viewer.Beside:  # fmt: skip
-    """Measures of what a clip is to be compared with."""
+    """Measure what a clip is to be compared with, such as its true motion and its references."""
     onset_frames, paused = (None, None) if heard is None else (heard.onset_frames(float(config.fps)), heard.paused)
     true_curves = None if truth is None else truth.curves
     return viewer.beside(n_frames, recorded, true_curves, config, name, onset_frames, paused)
@@ -308,20 +314,20 @@ def _measure_control(
 
 
 def require_same_joints(path: str | Path, truth: evaluation.Joints, generated: evaluation.Joints) -> None:
-    """DataError when a truth, read from `path`, cannot be compared."""
+    """Refuse a true motion, read from `path`, whose joints are not those of the generated one: DataError."""
     if truth.world.shape[1:] != generated.world.shape[1:]:
         raise DataError(f"{path}: {truth.world.shape[1]} joints, the generated motion has {generated.world.shape[1]}")
 
 
 def locate_file(path: Path, config: Config) -> evaluation.Joints:
-    """The joints of a BVH file, or of an `.npz` file with `positions`."""
+    """Locate the joints of a BVH file, or of an `.npz` file with `positions`."""
     if path.suffix.lower() == ".bvh":
         return evaluation.locate(cleanup.resample(space.read(path, config), config.fps), config)
     return evaluation.from_positions(positions.read(path), config)
 
 
 def reference_skate(config: Config, names: Sequence[str]) -> float:
-    """Foot skate of stored clips, cm/s; NaN where there are no feet or none is ever in contact."""
+    """Average the foot skate of stored clips, cm/s; NaN where there are no feet or none is ever in contact."""
     settings = config.model_dump_json(by_alias=True)
     skates = [_clip_skate(str(clip_path(config, name)), digests(config, [name])[0], settings) for name in names]
     return evaluation.mean_foot_skate(skates)
@@ -329,13 +335,13 @@ def reference_skate(config: Config, names: Sequence[str]) -> float:
 
 @cache
 def _clip_skate(path: str, digest: str, settings: str) -> tuple[FootSkate, int]:
-    """Small figures of large files: a worker reads each reference once."""
+    """Measure foot skate and length of a stored clip; remembered, so that a worker reads each reference once."""
     recorded, skate = _recording(path, digest, settings)
     return skate, recorded.curves.n_frames
 
 
 def recordings(config: Config, trace: Trace) -> list[viewer.Recorded]:
-    """The references of which a clip shows anything, measured."""
+    """Measure the references of which a clip shows anything."""
     names = trace.shown_clips()
     settings = config.model_dump_json(by_alias=True)
     return [_recording(str(clip_path(config, name)), digests(config, [name])[0], settings)[0] for name in names]
@@ -343,7 +349,7 @@ def recordings(config: Config, trace: Trace) -> list[viewer.Recorded]:
 
 @lru_cache(maxsize=16)
 def _recording(path: str, _digest: str, settings: str) -> tuple[viewer.Recorded, FootSkate]:
-    """A stored clip as a viewer sees it, with its speech, and its foot skate; a worker keeps the last ones."""
+    """Measure a stored clip as a viewer sees it, with its speech, and its foot skate; a worker keeps the last ones."""
     config = Config.model_validate_json(settings)
     reference = clips.load(path, config).reference(config)
     joints = evaluation.locate(reference.motion, config)
@@ -351,7 +357,7 @@ def _recording(path: str, _digest: str, settings: str) -> tuple[viewer.Recorded,
     parts = [joints] if len(segments) == 1 else [
         evaluation.locate(reference.motion.take(frames), config) for frames in segments
     ]  # fmt: skip
-    curves = viewer.joined([part.curves for part in parts])
+    curves = viewer.joined([part.curves for part in parts if part.curves is not None])
     onsets = reference.speech.onset_frames
     onset_frames = np.searchsorted(reference.source_frames, onsets[np.isin(onsets, reference.source_frames)])
     paused = ~keynodes.reference_speaking(reference, config.pauses)
@@ -359,10 +365,8 @@ def _recording(path: str, _digest: str, settings: str) -> tuple[viewer.Recorded,
     return viewer.Recorded(reference.name, curves, row), evaluation.foot_skate(joints)
 
 
-def read_heard(path: Path | None, config: Config) -> evaluation.Heard | None:
-    """What is known of the speech of a stored clip or of an audio file."""
-    if path is None:
-        return None
+def read_heard(path: Path, config: Config) -> evaluation.Heard:
+    """Read onsets, words and pauses of the speech of a stored clip, or the onsets of an audio file."""
     if path.suffix == ".npz":
         speech = clips.load(path, config, with_motion=False).test_speech(config)
         paused = ~keynodes.speaking(speech, config.pauses)
@@ -376,7 +380,7 @@ def read_heard(path: Path | None, config: Config) -> evaluation.Heard | None:
 
 
 def _add_utilisation(rows: dict, total: dict, references: dict[str, list[str]], index: Index) -> None:
-    """The share of the whole training set that served as references, per clip and for all together (§5.1.1)."""
+    """Add the share of the whole training set that served as references, per clip and for all together (§5.1.1)."""
     seconds = index.durations
     named = sorted(references)
     rest = index.training_seconds - sum(seconds.values())

@@ -1,4 +1,4 @@
-"""`ablate` and `compare`: the same clips through several setups and seeds, to one table."""
+"""The commands `ablate` and `compare`: gesture the same clips in several setups and seeds, for one table."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
@@ -21,9 +22,11 @@ from gesturegen.experiment.plan import Plan, seeded
 from gesturegen.experiment.presets import ABLATE, COMPARE, MEMORY, Preset
 from gesturegen.extras import need
 from gesturegen.frames import ReferenceFrames
+from gesturegen.manifest import ClipRow
 from gesturegen.methods import METHODS, libraries
 from gesturegen.methods.method import Job
 from gesturegen.metrics.measures import Measure, frechet_measures
+from gesturegen.motion.skeleton import Motion
 from gesturegen.outcome import Outcome
 from gesturegen.parallel import for_each, one_display
 from gesturegen.pipeline.build_graph import build_libraries
@@ -68,7 +71,7 @@ class _Run:
 
 @dataclass(frozen=True)
 class _Ruler:
-    """What all setups are measured by, also where they hear other onsets; keys : of the columns; n_clips : of a run."""
+    """The settings that all setups are measured by, whatever theirs are; keys : of the columns; n_clips : of a run."""
 
     config: Config
     keys: frozenset[str]
@@ -154,7 +157,7 @@ def _kept_in(folder: Path, seed: int, plan: Plan, preset: Preset) -> Path | None
 
 
 def _remove_earlier(plan: Plan, preset: Preset, folder: Path, page: Path | None) -> None:
-    """What an earlier run left must not pass for this one's, should this one fail."""
+    """Remove the results of an earlier run, which must not pass for this one's, should this one fail."""
     names = [
         *(f"{preset.folder}.{kind}" for kind in ("md", "csv", "json", "png")),
         "reference_length.json",
@@ -227,7 +230,7 @@ def _run_all(
             by_seed[run.setup][run.config.seed] = _sum_up(run, done, columns, ruler, index)
             rows += [figures.shown(one["row"], columns) for one in done]
             if preset.work_folders and run.kept is not None:
-                _complete_work_folder(run, [one["manifest_row"] for one in done])
+                _complete_work_folder(run.kept, run.config, [one["manifest_row"] for one in done])
     if ruler.keys & set(MEMORY):
         first = [run for run in runs if run.config.seed == plan.seeds[0]]
         measured = _measure_memory(first, preset, index, jobs, quiet)
@@ -249,7 +252,7 @@ def _run_all(
 
 
 def _make_ruler(base: Config, columns: Sequence[Measure], n_clips: int) -> _Ruler:
-    """The base config, without the Fréchet distances of windows, which take as long as a search, unless they are shown."""
+    """Take the base config, without the Fréchet distances of windows, slow as a search, unless they are shown."""
     keys = frozenset(column.key for column in columns)
     if not keys & {measure.key for measure in frechet_measures(base.evaluation.frechet_windows)}:
         base = base.model_copy(update={"evaluation": base.evaluation.model_copy(update={"frechet_windows": ()})})
@@ -262,7 +265,10 @@ def _title(run: _Run, test: str) -> str:
 
 
 def _tasks(batch: Sequence[_Run], ruler: _Ruler, index: Index, with_beside: bool) -> dict[str, Callable[[], dict]]:
-    """with_beside : whether to measure what stands beside, which is the same for all runs"""
+    """Name the tasks of a batch of runs, one for each run and test clip.
+
+    with_beside : whether to measure what stands beside, which is the same for all runs
+    """
     return {
         _title(run, test): partial(
             _run_clip, run, test, ruler, index.tests[test].truth, with_beside and run is batch[0]
@@ -275,7 +281,7 @@ def _tasks(batch: Sequence[_Run], ruler: _Ruler, index: Index, with_beside: bool
 def _sum_up(
     run: _Run, done: Sequence[dict], columns: Sequence[Measure], ruler: _Ruler, index: Index
 ) -> dict[str, float]:  # fmt: skip
-    """The figures of a run; its rows are given those that all clips are needed for."""
+    """Compute the figures of a run, and add to its rows those that all clips are needed for."""
     rows = [one["row"] for one in done]
     pairs = [(one["generated"], one["truth"]) for one in done if one["truth"] is not None]
     whole = index.durations
@@ -286,12 +292,15 @@ def _sum_up(
     return total
 
 
-def _complete_work_folder(run: _Run, rows: Iterable[dict]) -> None:
-    """Make the folder of a setup a work folder, so that every command works on it: it shares the clips."""
-    folder = run.kept.parent
-    documents.write(run.kept / "manifest.json", submission.manifest(rows, run.config))
-    remembered.write(run.config, folder)
-    target = os.path.relpath(work_path(run.config, "clips").resolve(), folder.resolve())
+def _complete_work_folder(kept: Path, config: Config, rows: Iterable[ClipRow]) -> None:
+    """Make the folder of a setup a work folder, so that every command works on it: it shares the clips.
+
+    kept : where its BVH files and traces are; rows : of its clips
+    """
+    folder = kept.parent
+    documents.write(kept / "manifest.json", submission.manifest(rows, config))
+    remembered.write(config, folder)
+    target = os.path.relpath(work_path(config, "clips").resolve(), folder.resolve())
     try:
         (folder / "clips").symlink_to(target, target_is_directory=True)
     except OSError as error:
@@ -302,7 +311,7 @@ def _complete_work_folder(run: _Run, rows: Iterable[dict]) -> None:
 
 
 def _measure_memory(runs: Sequence[_Run], preset: Preset, index: Index, jobs: int, quiet: bool) -> Summary:
-    """For each setup what memory the search of the longest clip takes."""
+    """Measure for each setup how much memory the search of the longest clip takes."""
     longest = max(sorted(index.tests), key=lambda name: index.tests[name].seconds)
     named = {
         run.setup: partial(measure_search, run.libraries[run.references[longest]], longest, run.config) for run in runs
@@ -337,15 +346,15 @@ def _write(result: figures.Result, plan: Plan, made: Summary) -> None:
 
 
 def _run_clip(run: _Run, test: str, ruler: _Ruler, truth_path: str | None, with_beside: bool) -> dict:
-    """The row of a clip, and evidence for the totals: its motion and truth where they are pooled, and what stands beside."""
+    """Gesture and measure a clip: its row, and evidence for the totals (motion, truth, what stands beside)."""
     made = _gesture(run, test, ruler.config)
     written = {}
     if run.kept is not None:
         written = submission.write_clip(run.kept, test, made.motion, made.trace)
     measured = evaluation.failed_row(ruler.config) | dict.fromkeys(_NOT_OF_STUCK, evaluation.NAN)
-    found = {"generated": None, "truth": None, "beside": None, "seams": None}
+    found: dict[str, Any] = {"generated": None, "truth": None, "beside": None, "seams": None}
     if made.motion is not None:
-        measured, found = _measure(made, test, ruler, truth_path, with_beside)
+        measured, found = _measure(made, made.motion, test, ruler, truth_path, with_beside)
     about = {"setup": run.setup, "seed": run.config.seed, "clip": test, "references": list(run.references[test])}
     row = about | {"seams": found.pop("seams")} | figures.clip_row(made.trace, made.frames, measured)
     return found | {"row": row, "manifest_row": submission.clip_row(made.trace, written)}
@@ -366,7 +375,7 @@ def _gesture(run: _Run, test: str, base: Config) -> Gestured:
 
 @lru_cache(maxsize=1)
 def _references(config_json: str, names: tuple[str, ...], _digests: tuple[str, ...]) -> Sequence[clips.Reference]:
-    """A worker keeps the last ones: the setups follow one another on the same references."""
+    """Load references; a worker keeps the last ones, since the setups follow one another on the same references."""
     config = Config.model_validate_json(config_json)
     return METHODS[config.method].shown_clips(config, names)
 
@@ -375,7 +384,7 @@ _warm: set[tuple] = set()
 
 
 def _warm_up(library: ReferenceFrames, speech: clips.Speech, config: Config) -> None:
-    """Once per worker, search two seconds of a speech untimed: the first call of a loop compiles it."""
+    """Search two seconds of a speech untimed, once per worker: the first call of a loop compiles it."""
     kind = config.method, config.search_name, config.initialization
     if kind not in _warm:
         short = replace(speech, n_frames=min(speech.n_frames, round(2 * speech.fps)))
@@ -384,17 +393,16 @@ def _warm_up(library: ReferenceFrames, speech: clips.Speech, config: Config) -> 
 
 
 def _measure(
-    made: Gestured, test: str, ruler: _Ruler, truth_path: str | None, with_beside: bool
-) -> tuple[dict[str, float], dict]:
-    """The figures of a clip that has a motion, and evidence for the totals."""
+    made: Gestured, motion: Motion, test: str, ruler: _Ruler, truth_path: str | None, with_beside: bool
+) -> tuple[dict[str, float], dict[str, Any]]:
+    """Measure a clip that has a motion: its figures, and evidence for the totals."""
     config, trace, graph = ruler.config, made.trace, made.frames
+    generated = evaluation.locate(motion, config)
     truth = None
     if truth_path is not None:
         truth = _truth(truth_path, files.sha256(truth_path), config.model_dump_json(by_alias=True))
-    heard = read_heard(clip_path(config, test), config)
-    generated = evaluation.locate(made.motion, config)
-    if truth is not None:
         require_same_joints(truth_path, truth, generated)
+    heard = read_heard(clip_path(config, test), config)
     skate = reference_skate(config, trace.shown_clips())
     recorded = recordings(config, trace)
     row = evaluation.measure_clip(generated, config, heard, truth, trace, graph, skate, recorded)
@@ -405,7 +413,7 @@ def _measure(
         # By the base's prices and pauses whatever the setup searches by.
         method = METHODS[trace.method]
         row["objective"] = method.objective(graph, made.speech, trace.shown_nodes(), config)
-    found = {"generated": None, "truth": None, "beside": None}
+    found: dict[str, Any] = {"generated": None, "truth": None, "beside": None}
     found["seams"] = evaluation.seam_evidence(generated, trace, graph, recorded, ruler.n_clips)
     if with_beside:
         found["beside"] = measure_beside(test, len(generated.world), config, heard, truth, recorded)

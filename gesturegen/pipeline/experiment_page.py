@@ -40,7 +40,7 @@ def write_page(
         seed=seed,
         config_hash=seeded(plan.base, seed).signature(),
         config={"fps": plan.base.fps},
-        clips=[_total_row(setup, read_manifest(folder)) for setup, folder in folders.items()],
+        clips=tuple(_total_row(setup, read_manifest(folder)) for setup, folder in folders.items()),
     )
     figures = documents.Summary(
         signature={},
@@ -70,7 +70,7 @@ def _title(setup: str) -> str:
 
 
 def _total_row(setup: str, manifest: Manifest) -> ClipRow:
-    """The row of a setup in the page's table: what its clips that have a motion count together."""
+    """Sum up a setup in a row of the page's table, over its clips that have a motion."""
     rows = [row for row in manifest.clips if not row.stuck]
     fallbacks: dict[str, int] = {}
     for row in rows:
@@ -84,7 +84,7 @@ def _total_row(setup: str, manifest: Manifest) -> ClipRow:
 
 
 def _machine_notice(result: Result) -> str:
-    """Time and memory, which are no measures of a motion and so have no column in the page's table."""
+    """Say in a sentence what time and memory searches took, which have no column in the page's table."""
     said = []
     for name, setup in result.setups.items():
         seconds, memory = (setup.mean[key] for key in ("search_seconds", "search_memory"))
@@ -93,7 +93,7 @@ def _machine_notice(result: Result) -> str:
 
 
 def _pack_clip(name: str, indexed: IndexedTest, base: Config, folders: Mapping[str, Path]) -> dict:
-    """One clip as the text that goes into the page, and notes on what is not there."""
+    """Pack one clip as the text that goes into the page, with notes on what is missing."""
     notes: list[str] = []
     motions = []
     for setup, folder in folders.items():
@@ -102,5 +102,5 @@ def _pack_clip(name: str, indexed: IndexedTest, base: Config, folders: Mapping[s
         else:
             notes.append(f"{setup} found no path for this clip")
     if indexed.truth:  # among those that are shown at first
-        motions[1:1] = optional("true motion", notes, lambda: true_motion(Path(indexed.truth), base))
+        motions[1:1] = optional("true motion", notes, partial(true_motion, Path(indexed.truth), base))
     return pack_sounding(name, indexed, base, motions, notes)

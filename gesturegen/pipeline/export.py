@@ -1,4 +1,4 @@
-"""`export`: motions to the formats of other programs."""
+"""The command `export`: write motions in the formats of other programs."""
 
 from __future__ import annotations
 

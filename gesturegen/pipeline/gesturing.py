@@ -1,4 +1,4 @@
-"""From a speech and a library to a motion: search, render, trace; the one way, whichever command asks."""
+"""The generation of a motion from a speech and a library, for every command: search, render, trace."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from gesturegen.workspace import clip_path, library_name
 
 @dataclass(frozen=True, eq=False)
 class Gestured:
-    """What became of a test clip.
+    """The result of gesturing a test clip.
 
     found : the path as the method found it, from which further variants are to differ; motion : None where the search
     got stuck; frames : what the nodes of the trace are of; seconds : what the search took, NaN where it was done before
@@ -75,6 +75,6 @@ def gesture(
         motion = render.render(path, shown, frames, config)
         if config.refine:
             motion = refiner.refine_motion(motion, speech, config)
-    key_nodes = keynodes.of_speech(speech, config.keywords.words)
+    key_nodes = keynodes.of_speech(speech, config.keywords.words or {})
     trace = submission.make_trace(path, frames, library_name(config, names), speech, key_nodes, config, variant)
     return Gestured(found, trace, motion, frames, speech, seconds)

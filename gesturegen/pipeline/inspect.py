@@ -1,4 +1,4 @@
-"""`inspect`: the figures of one graph, one gesture database or one trace, or what a BVH file is taken to be."""
+"""The command `inspect`: describe one graph, gesture database, trace or BVH file."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def inspect(config: Config, target: str, plot: Path | None = None, as_json: bool
         warnings = [(path.stem, note) for note in facts["notes"]]
     elif path.suffix == ".npz":
         found = libraries.method_of(path).inspect(libraries.read(path))
-        facts, lines = found.facts, found.lines
+        facts, lines = found.facts, list(found.lines)
         if found.draw is not None:
             draw = partial(found.draw, path.stem)
         elif plot is not None:
@@ -83,7 +83,7 @@ def _find(config: Config, target: str) -> Path:
 
 
 def _library_of(config: Config, path: Path, trace: Trace) -> tuple[ReferenceFrames | None, str]:
-    """What a trace was found in, of the run it lies in, else of the work folder; without it, what that means."""
+    """Read the library of a trace, of its run or else of the work folder; None, and what is lacking, without one."""
     name = trace.graph
     places = (path.resolve().parent.parent / "graphs" / f"{name}.npz", library_path(config, name))
     found = next((place for place in places if place.is_file()), None)

@@ -1,4 +1,4 @@
-"""Gestures of a library folder, shown at a word or a time whatever the search has found (Habibie et al. 2022, §4.2)."""
+"""Gestures of a library folder, shown at a word or a time whatever the search finds (Habibie et al. 2022, §4.2)."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import replace
 from difflib import get_close_matches
 from functools import lru_cache
 from pathlib import Path as FilePath
+from typing import overload
 
 import numpy as np
 
@@ -31,7 +32,7 @@ KIND = "gesture"
 def place(
     path: Path, library: ReferenceFrames, references: Sequence[Reference], speech: Speech, config: Config
 ) -> tuple[Path, ReferenceFrames, Sequence[Reference]]:
-    """The path with its gestures, and the frames and references that its nodes then are of.
+    """Put the gestures asked for into a path; return it with the frames and references of its nodes.
 
     All as they were where no gesture is asked for. Of several tracks, as GestureMaster has, the second one, which
     moves the lower body, goes on as it was.
@@ -64,7 +65,7 @@ def place(
 
 
 def unsaid(config: Config, words: Mapping[str, Collection[str]]) -> list[str]:
-    """A line for each gesture whose word is said in none of the clips that it is for; words : of each test clip."""
+    """List, a line each, gestures whose word is said in none of the clips they are for; words : of each test clip."""
     lines = []
     for place, row in enumerate(config.control.gestures, 1):
         own = matching(row.clip, words)
@@ -78,7 +79,7 @@ def unsaid(config: Config, words: Mapping[str, Collection[str]]) -> list[str]:
 
 
 def library_digests(config: Config) -> list[str]:
-    """What the gestures that may be shown hold, so that a result knows when they changed."""
+    """Hash the files of the gestures that may be shown, so that a result made of others is noticed."""
     if not config.control.gestures or not config.control.library:
         return []
     names = sorted({one.gesture for one in config.control.gestures})
@@ -87,7 +88,7 @@ def library_digests(config: Config) -> list[str]:
 
 
 def load_frames(library: ReferenceFrames, trace: Trace, config: Config) -> ReferenceFrames:
-    """The frames that a trace's nodes are of: those of its library, and of the gestures that it shows."""
+    """Load the frames that a trace's nodes number: those of its library, and of the gestures that it shows."""
     own = trace.references[len(library.clip_names) :]
     if not own:
         return library
@@ -101,7 +102,7 @@ def load_frames(library: ReferenceFrames, trace: Trace, config: Config) -> Refer
 
 
 def extended(library: ReferenceFrames, gestures: Sequence[Reference], config: Config) -> ExtendedFrames:
-    """The frames of a library and, after them, those of gestures."""
+    """Append the frames of gestures to those of a library."""
     own = {name: getattr(library, name) for name in ReferenceFrames.__dataclass_fields__}
     own["positions"] = np.asarray(own["positions"])
     described = reference_frames.join([own, *(reference_frames.describe(one, config) for one in gestures)])
@@ -111,7 +112,7 @@ def extended(library: ReferenceFrames, gestures: Sequence[Reference], config: Co
 
 
 def _with_piece(track: Track, new: Piece) -> tuple[Piece, ...]:
-    """The pieces of a track with one put in; those that it covers in part are cut where it begins and ends."""
+    """Put a piece into a track; pieces that it covers in part are cut where it begins and ends."""
     start, end = new.target.start_frame, new.target.end_frame
     before, after = [], []
     for piece in track.pieces:
@@ -136,8 +137,8 @@ def _part(piece: Piece, start: int, end: int, nodes: np.ndarray) -> Piece:
     return replace(piece, target=Target(start, end, kind, keyword), nodes=nodes)
 
 
-class _Joined(Sequence):
-    """References followed by others, each read when it is looked at."""
+class _Joined(Sequence[Reference]):
+    """A sequence of references followed by others, each of which is read when it is looked at."""
 
     def __init__(self, first: Sequence[Reference], others: Sequence[Reference]):
         self.first, self.others = first, others
@@ -145,12 +146,20 @@ class _Joined(Sequence):
     def __len__(self) -> int:
         return len(self.first) + len(self.others)
 
-    def __getitem__(self, number: int) -> Reference:
+    @overload
+    def __getitem__(self, number: int) -> Reference: ...
+
+    @overload
+    def __getitem__(self, number: slice) -> Sequence[Reference]: ...
+
+    def __getitem__(self, number: int | slice) -> Reference | Sequence[Reference]:
+        if isinstance(number, slice):
+            return [self[one] for one in range(len(self))[number]]
         return self.first[number] if number < len(self.first) else self.others[number - len(self.first)]
 
 
 def _load(config: Config, name: str, like: Reference | None) -> Reference:
-    """A gesture of the library; like : a reference whose skeleton it must have."""
+    """Read a gesture of the library; like : a reference whose skeleton it must have."""
     folder = FilePath(config.control.library) if config.control.library else None
     if folder is None or not inputs.is_dir(folder):
         raise DataError(f"control.library: {config.control.library!r} is no folder; give the one that has {name}.bvh")

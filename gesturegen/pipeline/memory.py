@@ -1,4 +1,4 @@
-"""Whether the work fits into memory, asked before it starts."""
+"""The check, before work starts, that it fits into memory."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gesturegen.settings.models import Config
 
 
 def estimate(reference_frames: int, test_frames: int, config: Config, kept_frames: int = 0) -> float:
-    """Bytes that a worker needs at most for a library of so many frames and a test speech of so many.
+    """Estimate the bytes that a worker needs at most for a library and a test speech of so many frames.
 
     kept_frames : of another library, which a worker holds until the next one has been read
     """
@@ -21,7 +21,7 @@ def estimate(reference_frames: int, test_frames: int, config: Config, kept_frame
 
 
 def workers(needs: Sequence[float], jobs: int, available: float | None) -> int:
-    """How many of `jobs` workers fit, at most one per task, 0 where not even one does.
+    """Count how many of `jobs` workers fit, at most one per task, 0 where not even one does.
 
     needs : bytes of each task; available : bytes, None where that is unknown
     """
@@ -41,7 +41,7 @@ def require_memory(
     tasks: int | None = None,
     available: float | None = None,
 ) -> tuple[int, list[tuple[str, str]]]:
-    """The number of workers that fit into memory, and a warning where these are fewer than `jobs`.
+    """Compute the number of workers that fit into memory, and warn where these are fewer than `jobs`.
 
     chosen : the reference clips of each test clip; index : of `preprocess`; tasks : how many run, by default one
     for each test clip; available : bytes, by default what this machine has
@@ -58,7 +58,7 @@ def require_memory_for(
     tasks: int | None = None,
     available: float | None = None,
 ) -> tuple[int, list[tuple[str, str]]]:
-    """`require_memory` for several runs, whose tasks run side by side."""
+    """Do as `require_memory` for several runs, whose tasks run side by side."""
     available = available_bytes() if available is None else available
     groups = {
         (run, test): (tuple(names), config.references.seconds)
@@ -77,6 +77,7 @@ def require_memory_for(
     wanted = min(jobs, len(needs))
     if found == wanted:
         return jobs, []
+    assert available is not None  # where it is unknown, all of them run
     need, most_frames = max(sizes.values())
     gigabytes = f"{need / 1e9:.1f} GB, and {available / 1e9:.1f} GB are free"
     if found == 0:
@@ -99,7 +100,7 @@ def _or_thriftier(runs: Sequence[tuple[Config, Mapping]]) -> str:
 
 
 def reference_frames(config: Config, names: Sequence[str], index: Index) -> int:
-    """Frames of the graph of some reference clips, by what the index knows of them."""
+    """Compute the number of frames in the graph of some reference clips, by their lengths in the index."""
     seconds = sum(index.references[name].seconds for name in names)
     if config.references.seconds is not None:
         seconds = min(seconds, config.references.seconds)
@@ -107,7 +108,7 @@ def reference_frames(config: Config, names: Sequence[str], index: Index) -> int:
 
 
 def available_bytes() -> float | None:
-    """Memory that this process can still have, by the system and by its control group; None where unknown."""
+    """Find how much memory this process can still have, by the system and its control group; None where unknown."""
     found = [amount for amount in (_system_bytes(), _group_bytes()) if amount is not None]
     return min(found, default=None)
 
@@ -123,7 +124,7 @@ def _system_bytes() -> float | None:
 
 
 def _group_bytes(root: Path = Path("/sys/fs/cgroup"), groups: Path = Path("/proc/self/cgroup")) -> float | None:
-    """What the limits of our control group and of those around it leave; None where there is no limit."""
+    """Compute what the limits of our control group and of its parents leave; None where there is no limit."""
     left = []
     for line in _lines(groups):
         _, _, entry = line.partition(":")
@@ -148,7 +149,7 @@ def _group_bytes(root: Path = Path("/sys/fs/cgroup"), groups: Path = Path("/proc
 
 
 def _reclaimable(folder: Path) -> float:
-    """Bytes of a group that hold files read before and are given up when they are needed."""
+    """Read how many bytes of a group are file cache, which is given up when memory is needed."""
     names = ("inactive_file", "total_inactive_file")
     found = [float(line.split()[1]) for line in _lines(folder / "memory.stat") if line.split(" ")[0] in names]
     return max(found, default=0.0)

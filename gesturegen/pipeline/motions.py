@@ -1,4 +1,4 @@
-"""Which motion and audio files a user means, by clip name."""
+"""The motion and audio files that a user's paths stand for, by clip name."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gesturegen.workspace import work_path
 
 
 def motion_files(config: Config, paths: Sequence[Path]) -> dict[str, Path]:
-    """BVH files by clip name: of files, of folders in any layout that is read, or of `WORK/reenact`."""
+    """Find BVH files by clip name: files, those of folders in any layout that is read, or of `WORK/reenact`."""
     found: dict[str, Path] = {}
     for path in paths or [work_path(config, "reenact")]:
         for name, motion in _of_path(path).items():
@@ -38,7 +38,7 @@ def _of_path(path: Path) -> dict[str, Path]:
 
 
 def folder_motions(folder: Path, arrays: bool = False) -> dict[str, Path]:
-    """The BVH files of a folder by clip name; DataError when there is none.
+    """Find the BVH files of a folder by clip name; DataError when there is none.
 
     arrays : where there is no BVH file, `.npz` files will do
     """
@@ -51,12 +51,12 @@ def folder_motions(folder: Path, arrays: bool = False) -> dict[str, Path]:
 
 
 def folder_sounds(folder: Path) -> dict[str, Path]:
-    """The audio files of a folder by clip name."""
+    """Find the audio files of a folder by clip name."""
     return {r.name: r.audio_path for r in _recordings(folder) if r.audio_path}
 
 
 def _with_names(paths: Iterable[Path]) -> dict[str, Path]:
-    """Files by clip name, as it can be printed; whoever opens one refuses a name that no written file can have."""
+    """Key files by clip name, as it can be printed; whoever opens one refuses a name that no written file can have."""
     return {inputs.shown(path.stem): path for path in paths}
 
 

@@ -1,4 +1,4 @@
-"""`preprocess`: recordings to clips (§3)."""
+"""The command `preprocess`: read recordings into clips (§3)."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def _refuse_twins(references: dict[str, Recording], tests: dict[str, Recording])
 
 
 def _index(config: Config, references: dict[str, Recording], tests: dict[str, Recording], outcome: Outcome) -> Index:
-    """What later commands need to know of the data, so that they need not look at it again."""
+    """Build the index: what later commands need to know of the data, so that they need not read it again."""
     truths = recordings.true_motions(config, tests)
     done = outcome.done
     return Index(
@@ -116,12 +116,7 @@ def _index(config: Config, references: dict[str, Recording], tests: dict[str, Re
             if name in done
         },
         tests={
-            name: IndexedTest(
-                speaker=done[name]["speaker"],
-                seconds=done[name]["seconds"],
-                audio=relative_to_work(recording.audio_path, config),
-                truth=relative_to_work(truths[name], config) if name in truths else None,
-            )
+            name: _index_test(recording, done[name], truths.get(name), config)
             for name, recording in tests.items()
             if name in done
         },
@@ -130,8 +125,19 @@ def _index(config: Config, references: dict[str, Recording], tests: dict[str, Re
     )
 
 
+def _index_test(recording: Recording, done: dict, truth: Path | None, config: Config) -> IndexedTest:
+    """Build the entry of a test clip; done : what `_preprocess_clip` returned for this clip."""
+    assert recording.audio_path is not None  # a clip without sound is not done
+    return IndexedTest(
+        speaker=done["speaker"],
+        seconds=done["seconds"],
+        audio=relative_to_work(recording.audio_path, config),
+        truth=None if truth is None else relative_to_work(truth, config),
+    )
+
+
 def _training_seconds(config: Config, references: dict[str, Recording], outcome: Outcome) -> list[float]:
-    """Durations of the whole training set, the blacklist included: what utilisation is a share of."""
+    """List the durations of the whole training set, blacklist included, of which utilisation is a share."""
     seconds = [outcome.done[name]["seconds"] for name in references if name in outcome.done]
     for recording in recordings.blacklisted_recordings(config):
         try:
@@ -143,13 +149,13 @@ def _training_seconds(config: Config, references: dict[str, Recording], outcome:
 
 
 def _require_names(config: Config, references: Iterable[str], tests: Iterable[str]) -> None:
-    """ConfigError, one line for each, where the settings name a clip that there is not."""
+    """Refuse settings that name a clip which does not exist: ConfigError, one line for each."""
     known = _require_references(config, references)
     require_names(config, known, tests)
 
 
 def _require_references(config: Config, references: Iterable[str]) -> list[str]:
-    """All references, the blacklist included; ConfigError where `blacklist` or `exclude` names a clip that there is not."""
+    """List all references, blacklist included; ConfigError where `blacklist` or `exclude` names an unknown clip."""
     known = [*references, *(recording.name for recording in recordings.blacklisted_recordings(config))]
     patterns = [("blacklist", pattern) for pattern in config.blacklist]
     patterns += [("exclude", range_.clip) for range_ in config.exclude]
@@ -160,7 +166,7 @@ def _require_references(config: Config, references: Iterable[str]) -> list[str]:
 
 
 def _unused(config: Config) -> list[tuple[str, str]]:
-    """One warning for each folder of recordings with files that are not used."""
+    """Warn, once for each folder of recordings, of files that are not used."""
     warnings = []
     for folder in recordings.folders(config):
         paths = recordings.unused_files(folder)
@@ -178,7 +184,7 @@ def _unused(config: Config) -> list[tuple[str, str]]:
 
 
 def _together(warnings: list[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Warnings that many clips share but for their names, told of the first of them."""
+    """Merge warnings that many clips share but for their names into one, of the first of them."""
     groups: dict[str, list[tuple[str, str]]] = {}
     for clip, note in warnings:
         groups.setdefault(note.replace(f"{clip}.", "\0"), []).append((clip, note))

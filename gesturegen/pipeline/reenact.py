@@ -1,4 +1,4 @@
-"""`reenact`: graphs and speeches to motion (§4.2), in one variant or several to pick from."""
+"""The command `reenact`: generate motion for speeches (§4.2), in one variant or several to pick from."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def reenact(config: Config, jobs: int, quiet: bool, reuse: bool = False, variant
 def _library(
     config_json: str, names: tuple[str, ...], clip_digests: tuple[str, ...], _graph_digest: str
 ) -> tuple[Sequence[clips.Reference], ReferenceFrames]:
-    """References and graph; a worker keeps the last ones, since test clips often share them."""
+    """Load references and their graph; a worker keeps the last ones, since test clips often share them."""
     config = Config.model_validate_json(config_json)
     method = METHODS[config.method]
     graph = libraries.load(library_path(config, library_name(config, names)), method, config, clip_digests)
@@ -112,7 +112,7 @@ def _graph_digest(config: Config, names: Sequence[str]) -> str:
 
 
 def _made_of(test: str, names: Sequence[str], config: Config, variant: int) -> str:
-    """A hash of all that a result depends on."""
+    """Hash everything that a result depends on."""
     parts = (
         __version__, config.signature(), test, *digests(config, names), _graph_digest(config, names),
         *digests(config, [test]), *keyword_gestures.library_digests(config),
@@ -124,7 +124,7 @@ def _made_of(test: str, names: Sequence[str], config: Config, variant: int) -> s
 def _search_together(
     config: Config, chosen: Mapping[str, tuple[str, ...]], jobs: int, quiet: bool, reuse: bool
 ) -> dict[str, SearchPath]:
-    """The paths of test clips that share references, by methods that search for many clips at once.
+    """Find the paths of test clips that share references, by methods that search for many clips at once.
 
     A clip that is missing here, whatever the reason, is searched for by itself and tells the reason.
     """
@@ -177,7 +177,9 @@ def _reenact_clip(
         config.model_dump_json(by_alias=True), names, digests(config, names), _graph_digest(config, names)
     )
     speech = read_speech(test, config)
-    results, shown, earlier = [], [], []
+    results: list[_Made] = []
+    shown: list[np.ndarray] = []
+    earlier: list[SearchPath] = []
     for variant, hashed in enumerate(inputs, 1):
         made = gesture(test, names, graph, references, speech, config, found if variant == 1 else None, earlier)
         earlier.append(made.found)
@@ -193,7 +195,7 @@ def _reenact_clip(
 
 
 def _kept(test: str, inputs: str, config: Config) -> tuple[Trace | None, list[str]]:
-    """The trace of an earlier result of these inputs; None when there is none, or none that is as it was written.
+    """Read the trace of an earlier result of these inputs; None when there is none that is as it was written.
 
     Then the list says so.
     """
@@ -204,7 +206,7 @@ def _kept(test: str, inputs: str, config: Config) -> tuple[Trace | None, list[st
 
 
 def share_of_new_frames(nodes: np.ndarray, earlier: Sequence[np.ndarray], graph: ReferenceFrames) -> float:
-    """The share of frames that show another moment of the references than the same frames of each earlier variant.
+    """Compute the share of frames that show another moment of the references than each earlier variant does there.
 
     nodes : `[shape=(n_frames,)]`, shown; earlier : the same of other variants. Another moment is one of
     another clip, or over `ELSEWHERE_FRAMES` away in its recording.
@@ -227,12 +229,12 @@ def share_of_new_frames(nodes: np.ndarray, earlier: Sequence[np.ndarray], graph:
 
 
 def _folder(config: Config, variant: int) -> Path:
-    """Where the BVH files of a variant are."""
+    """Return the folder of the BVH files of a variant."""
     return work_path(config, *(() if variant == 1 else ("variants", str(variant))), "reenact")
 
 
 def _refuse_variant(config: Config) -> None:
-    """Its clips and graphs are another folder's: a result of its own would pass for a variant of that one's."""
+    """Refuse to reenact into a variant's work folder, whose results would pass for variants of its run."""
     work = work_path(config).resolve()
     if work.parent.name == "variants" and work.name.isdecimal() and (work / "clips").is_symlink():
         raise DataError(
@@ -257,7 +259,7 @@ def _link_inputs(config: Config, work: Path) -> None:
 
 
 def _remove_variants(config: Config) -> None:
-    """Those of an earlier run must not pass for this one's. Folders of other names are not ours."""
+    """Remove the variants of an earlier run, which must not pass for this one's; keep folders of other names."""
     folder = work_path(config, "variants")
     found = [path for path in sorted(folder.glob("*")) if path.name.isdecimal() and path.is_dir()]
     path = folder
@@ -276,7 +278,7 @@ def _remove_variants(config: Config) -> None:
 
 
 def _is_stored(manifest: Manifest, folder: Path) -> bool:
-    """Whether an earlier run left the same manifest, and so the same result of the same inputs."""
+    """Tell whether an earlier run left the same manifest, and so the same result of the same inputs."""
     try:
         return documents.read(folder / "manifest.json", Manifest, "reenact") == manifest
     except DataError:
@@ -287,7 +289,7 @@ def _is_stored(manifest: Manifest, folder: Path) -> bool:
 
 
 def _describe(summary: Summary, config: Config) -> None:
-    """Lines, warnings and errors, for each variant of each clip; variants that got stuck move to the errors."""
+    """Add lines, warnings and errors for each variant of each clip; variants that got stuck move to the errors."""
     outcome = summary.outcome
     hint = METHODS[config.method].advice(config)
     done, outcome.done = outcome.done, {}

@@ -1,4 +1,4 @@
-"""`train-refiner`: pairs of recorded motion and what k-NN matching makes of the same speech, to a refinement network."""
+"""The command `train-refiner`: train a network that refines what k-NN matching retrieves towards recorded motion."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ from gesturegen.workspace import work_path
 
 
 def checkpoint_path(config: Config) -> Path:
-    """Where the network is kept: `refiner.checkpoint`, else in the work folder."""
+    """Return the network's file: `refiner.checkpoint`, else in the work folder."""
     return Path(config.refiner.checkpoint) if config.refiner.checkpoint else work_path(config, "refiner.pt")
 
 
 def require_trained(config: Config) -> Path:
-    """The network's file; DataError where there is none."""
+    """Return the network's file; DataError where there is none."""
     path = checkpoint_path(config)
     if not path.is_file():
         raise DataError(
@@ -47,21 +47,28 @@ def require_trained(config: Config) -> Path:
 
 
 def gesture_joints(skeleton: Skeleton, config: Config) -> list[int]:
-    """The joints that are refined: those of the upper body that distances are measured on."""
+    """List the joints that are refined: those of the upper body that distances are measured on."""
     chosen, _ = select_joints(skeleton, config)
     upper = body.split(skeleton, skeleton.pelvis(settings_for(skeleton, config).positions.root_joint)).upper
     return [joint for joint in chosen if joint in upper]
 
 
 def audio_channels(acoustics: Acoustics, n_frames: int) -> np.ndarray:
-    """MFCC and energy with their first derivatives, float32 `[shape=(28, n_frames)]`; the last value is held."""
+    """Stack MFCC and energy with their first derivatives, float32 `[shape=(28, n_frames)]`; the last value is held."""
     values = acoustics.values[np.minimum(np.arange(n_frames), len(acoustics.values) - 1)]
     slopes = np.gradient(values, axis=0) if n_frames > 1 else np.zeros_like(values)
     return np.concatenate([values, slopes], axis=1).T.astype(np.float32)
 
 
+def _acoustics_of(speech: Speech) -> Acoustics:
+    """Return the acoustic features of a clip; DataError where they were not measured."""
+    if speech.acoustics is None:
+        raise DataError(f"clip {speech.name}: its sound was not measured; set acoustics.enabled: true")
+    return speech.acoustics
+
+
 def refine_motion(motion: Motion, speech: Speech, config: Config) -> Motion:
-    """The motion as the network would have it (§3.2).
+    """Refine a motion with the trained network (§3.2).
 
     The network sees it at the rate of the audio features; what it changes is turned into corrections that are laid
     over all frames, so that detail between its frames stays.
@@ -69,13 +76,12 @@ def refine_motion(motion: Motion, speech: Speech, config: Config) -> Motion:
     need("torch", "torch")
     from gesturegen.refine import training
 
-    if speech.acoustics is None:
-        raise DataError(f"clip {speech.name}: its sound was not measured; set acoustics.enabled: true")
+    acoustics = _acoustics_of(speech)
     joints = gesture_joints(motion.skeleton, config)
-    slow = cleanup.resample(motion, speech.acoustics.rate)
+    slow = cleanup.resample(motion, acoustics.rate)
     channels = representation.to_channels(slow, joints)
     refined = training.refine(
-        require_trained(config), audio_channels(speech.acoustics, slow.n_frames), channels.T.astype(np.float32),
+        require_trained(config), audio_channels(acoustics, slow.n_frames), channels.T.astype(np.float32),
         representation.describe(slow, joints), config.refiner,
     )  # fmt: skip
     changed = representation.from_channels(slow, joints, refined.T)
@@ -103,8 +109,11 @@ def train_refiner(config: Config, jobs: int, quiet: bool) -> Summary:
     if outcome.failed:
         return Summary(outcome)
     parts = [outcome.done[name] for name in names]
+    audio, fake, real = (np.concatenate([part[key] for part in parts]) for key in ("audio", "fake", "real"))
     pairs = training.Pairs(
-        *(np.concatenate([part[key] for part in parts]) for key in ("audio", "fake", "real")),
+        audio,
+        fake,
+        real,
         groups=np.repeat(np.arange(len(parts)), [len(part["audio"]) for part in parts]),
     )
     if len(pairs.audio) < 2:
@@ -142,17 +151,18 @@ def train_refiner(config: Config, jobs: int, quiet: bool) -> Summary:
 def _library(
     config_json: str, names: tuple[str, ...], _digests: tuple[str, ...]
 ) -> tuple[list[Reference], ReferenceFrames]:
-    """A worker keeps them for its next recording."""
+    """Load all references and build their database; a worker keeps both for its next recording."""
     config = Config.model_validate_json(config_json)
     references = load_references(config, names)
     return references, TRAINER.assemble([TRAINER.part(reference, config) for reference in references], config)
 
 
 def _recording(name: str, names: Sequence[str], config: Config) -> dict:
-    """Windows of one recording: its sound, what k-NN matching shows for it, and what was recorded (§3.3)."""
+    """Cut one recording into windows of its sound, what k-NN matching retrieves, and what was recorded (§3.3)."""
     references, library = _library(config.model_dump_json(by_alias=True), tuple(names), digests(config, names))
     own = references[list(names).index(name)]
-    fps, rate = own.motion.fps, own.speech.acoustics.rate
+    acoustics = _acoustics_of(own.speech)
+    fps, rate = own.motion.fps, acoustics.rate
     joints = gesture_joints(own.motion.skeleton, config)
     window = round(config.window_seconds * rate)
     stride = max(round(config.refiner.stride_seconds * rate), 1)
@@ -166,7 +176,7 @@ def _recording(name: str, names: Sequence[str], config: Config) -> dict:
         ]
         / fps
     )
-    values = own.speech.acoustics.values
+    values = acoustics.values
     heard = Acoustics(values[np.minimum(np.round(times * rate).astype(int), len(values) - 1)], rate)
     audio = audio_channels(heard, real.shape[1])
     starts = np.arange(0, real.shape[1] - window + 1, stride)
@@ -190,7 +200,7 @@ def _fake(
     library: ReferenceFrames, references: Sequence[Reference], own: Reference, k: int, config: Config,
     rng: np.random.Generator,
 ) -> Motion:  # fmt: skip
-    """What matching shows for the speech of a recording, with nothing of the recording itself where it can."""
+    """Render what matching retrieves for a recording's speech, from other recordings where possible."""
     return render.render(TRAINER.stand_in(library, own, k, config, rng), references, library, config)
 
 
@@ -207,7 +217,7 @@ def _advance(bar, iterations: int, history) -> None:
 
 
 def _figures(history) -> dict:
-    """The course of training: means over its first and its last tenth."""
+    """Summarise the course of training: means over its first and its last tenth."""
     tenth = max(history.iterations // 10, 1)
     return {
         "iterations": history.iterations,

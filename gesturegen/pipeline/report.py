@@ -1,4 +1,4 @@
-"""`report`: a run to one HTML file in which every clip can be watched."""
+"""The command `report`: write a run as one HTML file in which every clip can be watched."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def _other_runs(compare: Sequence[tuple[str, Path]]) -> list[_Run]:
 
 
 def _evaluation(config: Config, manifest: Manifest) -> tuple[list[str], documents.Summary | None]:
-    """What the reader must know of the figures, and the figures; None where there are none of this run."""
+    """Read the figures of this run, None where there are none, and notices on them for the reader."""
     path = work_path(config, "evaluate", "summary.json")
     if not path.is_file():
         return ["This run has not been evaluated: run `gesturegen evaluate`, then `gesturegen report` again."], None
@@ -103,7 +103,7 @@ def _evaluation(config: Config, manifest: Manifest) -> tuple[list[str], document
 
 
 def _ablation(config: Config) -> page.Ablation | None:
-    """Results of `gesturegen ablate` in the same work folder, where there are any."""
+    """Read the results of `gesturegen ablate` in the same work folder, where there are any."""
     names = ("ablation.png", "ablation.json", "reference_length.json")
     plot, table, lengths = (
         path if path.is_file() else None for path in (work_path(config, "ablation", n) for n in names)
@@ -111,14 +111,14 @@ def _ablation(config: Config) -> page.Ablation | None:
     if plot is None and table is None:
         return None
     return page.Ablation(
-        plot=plot and sealing.read_png(plot, "ablate"),
-        results=table and documents.read(table, documents.Ablation, "ablate").model_dump(),
-        lengths=lengths and documents.read(lengths, documents.Lengths, "ablate").model_dump(),
+        plot=None if plot is None else sealing.read_png(plot, "ablate"),
+        results=None if table is None else documents.read(table, documents.Ablation, "ablate").model_dump(),
+        lengths=None if lengths is None else documents.read(lengths, documents.Lengths, "ablate").model_dump(),
     )
 
 
 def _pack_clip(name: str, indexed: IndexedTest | None, config: Config, others: Sequence[_Run]) -> dict:
-    """One clip as the text that goes into the page, and notes on what is not there."""
+    """Pack one clip as the text that goes into the page, with notes on what is missing."""
     if indexed is None:
         raise DataError(
             f"clip {name}: reenacted from other clips than are there now; run `gesturegen reenact` again"
@@ -126,7 +126,7 @@ def _pack_clip(name: str, indexed: IndexedTest | None, config: Config, others: S
     notes: list[str] = []
     motions = [reenacted(name, work_path(config), config, "generated")]
     if indexed.truth:
-        motions += optional("true motion", notes, lambda: true_motion(Path(indexed.truth), config))
+        motions += optional("true motion", notes, partial(true_motion, Path(indexed.truth), config))
     for run in others:
         if name in run.names:
             motions.append(reenacted(name, run.work, config, run.label))
@@ -138,14 +138,19 @@ def _pack_clip(name: str, indexed: IndexedTest | None, config: Config, others: S
 def pack_sounding(name: str, indexed: IndexedTest, config: Config, motions: list[dict], notes: list[str]) -> dict:
     """Pack the motions of a clip with its speech as the text that goes into a page; `notes` say what is not there."""
     speech = read_speech(name, config)
-    sound = [None]
+    sounds: list[dict] = []
     if indexed.audio:
-        sound = optional("sound", notes, lambda: pack.pack_audio(*audio.read_samples(indexed.audio))) or [None]
+        sounds = optional("sound", notes, partial(_pack_sound, indexed.audio))
     else:
         notes.append("no sound: the index of clips names no audio file; run `gesturegen preprocess` again")
-    packed = pack.pack_clip(speech, config.keywords.words, motions, sound[0], notes)
+    packed = pack.pack_clip(speech, config.keywords.words or {}, motions, sounds[0] if sounds else None, notes)
     distances = [distance for motion in motions if motion["trace"] for _, distance, _ in motion["trace"]["joins"]]
     return {"text": pack.inert_json(packed), "notes": notes, "largest_join": max(distances, default=0.0)}
+
+
+def _pack_sound(path: str) -> dict:
+    """Pack the sound of an audio file."""
+    return pack.pack_audio(*audio.read_samples(path))
 
 
 def reenacted(name: str, work: Path, config: Config, label: str) -> dict:

@@ -1,4 +1,4 @@
-"""`run`: all stages in order, doing only what is not yet done or has changed."""
+"""The command `run`: all stages in order, doing only what is not yet done or has changed."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def run(config: Config, jobs: int, quiet: bool, force: bool = False) -> Summary:
 
 
 def _expected_tasks(config: Config) -> int:
-    """Clips read, graphs built, and tests reenacted, measured and checked; at most one graph per test."""
+    """Estimate the number of tasks of all stages: clips, graphs (at most one per test) and the later work on tests."""
     references, tests = len(recordings.reference_recordings(config)), len(recordings.test_recordings(config))
     return references + min(references, tests) + 4 * tests
 

@@ -1,4 +1,4 @@
-"""What memory a search takes, measured in a process of its own."""
+"""The measurement of the memory that a search takes, in a separate process."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gesturegen.settings.models import Config
 
 
 def measure_search(library_path: Path, test: str, config: Config) -> dict[str, float]:
-    """Load a library and search for a test clip: the peak of memory in MB, and what that added to the process."""
+    """Measure the peak memory in MB of loading a library and searching for a test clip, and the growth it caused."""
     with threadpool_limits(limits=1):
         before = peak_megabytes()
         library = libraries.load(library_path, METHODS[config.method], config)
@@ -24,7 +24,7 @@ def measure_search(library_path: Path, test: str, config: Config) -> dict[str, f
 
 
 def peak_megabytes() -> float:
-    """Most resident memory that this process has had, in MB; NaN where that cannot be asked."""
+    """Return the peak resident memory of this process, in MB; NaN where that cannot be asked."""
     try:
         # Unlike `ru_maxrss`, which on Linux starts from that of the process that started this one.
         for line in Path("/proc/self/status").read_text().splitlines():

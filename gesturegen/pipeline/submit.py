@@ -1,10 +1,11 @@
-"""`check` and `pack`: is a folder a valid submission, and the archive of it."""
+"""The commands `check` and `pack`: check that a folder is a valid submission, and archive it."""
 
 from __future__ import annotations
 
 import zipfile
 from contextlib import suppress
 from functools import lru_cache, partial
+from operator import methodcaller
 from pathlib import Path
 
 import numpy as np
@@ -51,16 +52,22 @@ def check(config: Config, folder: Path | None, strict: bool, jobs: int, quiet: b
     return summary
 
 
+def _reference_motions(config: Config) -> list[Path]:
+    """List the BVH files of the recordings that may become references."""
+    found = recordings.reference_recordings(config)
+    return [recording.motion_path for recording in found if recording.motion_path is not None]
+
+
 def _training_skeletons(config: Config) -> list[Skeleton]:
-    """The skeletons of the training data, each once; DataError when no reference has a readable one.
+    """Read the skeletons of the training data, each once; DataError when no reference has a readable one.
 
     A broken reference is for `preprocess` to tell of: it must not keep the clips from being checked.
     """
     skeletons: list[Skeleton] = []
     broken: list[DataError] = []
-    for recording in recordings.reference_recordings(config):
+    for path in _reference_motions(config):
         try:
-            skeleton = bvh.read_skeleton(recording.motion_path)
+            skeleton = bvh.read_skeleton(path)
         except DataError as error:
             broken.append(error)
             continue
@@ -94,7 +101,7 @@ def _check_clip(
 
 
 def _speaking(recording: recordings.Recording, config: Config) -> np.ndarray | None:
-    """In which frames a test speech goes on; None where it cannot be read."""
+    """Mark the frames in which somebody speaks in a test clip; None where its speech cannot be read."""
     try:
         stored = clip_path(config, recording.name)
         clip = clips.load_if_current(stored, config, clips.input_digest(recording), False) if stored.is_file() else None
@@ -105,14 +112,14 @@ def _speaking(recording: recordings.Recording, config: Config) -> np.ndarray | N
 
 
 def _recorded_turns(config: Config) -> dict[str, float]:
-    """The fastest turn of each joint, by name, in the references that can be read, in degrees a second."""
-    paths = [recording.motion_path for recording in recordings.reference_recordings(config)]
-    return _fastest_turns(tuple((path, sealing.file_state(path)) for path in paths if path.is_file()), config.fps)
+    """Find the fastest turn of each joint, by name, in the references that can be read, in degrees a second."""
+    paths = [path for path in _reference_motions(config) if path.is_file()]
+    return _fastest_turns(tuple((path, sealing.file_state(path)) for path in paths), config.fps)
 
 
 @lru_cache(maxsize=1)
 def _fastest_turns(motions: tuple[tuple[Path, tuple[int, ...]], ...], fps: int) -> dict[str, float]:
-    """A worker reads the references once for all clips; motions : BVH files, and the state that each is in."""
+    """Find the fastest turn of each joint; remembered for all clips; motions : BVH files, and the state of each."""
     fastest: dict[str, float] = {}
     for path, _ in motions:
         with suppress(DataError):  # of a broken reference `preprocess` tells
@@ -137,14 +144,14 @@ def pack(config: Config, jobs: int, quiet: bool) -> Summary:
             path.unlink()
     contents = {name: (work_path(config, "reenact") / name).read_bytes() for name in names}
     for name, content in contents.items():
-        files.write_bytes(folder / name, lambda file, content=content: file.write(content))
+        files.write_bytes(folder / name, methodcaller("write", content))
     files.write_bytes(archive, lambda file: _write_zip(file, contents))
     summary.written = [folder, archive]
     return summary
 
 
 def _write_zip(file, contents: dict[str, bytes]) -> None:
-    """The same bytes for the same contents: entries sorted, no times."""
+    """Write a ZIP archive, with the same bytes for the same contents: entries sorted, no times."""
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in contents.items():
             entry = zipfile.ZipInfo(f"submission/{name}")

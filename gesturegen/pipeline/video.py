@@ -1,4 +1,4 @@
-"""`render`: motions and their sound to videos that can be watched."""
+"""The command `render`: write motions and their sound as videos."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def render_videos(
     config: Config, jobs: int, quiet: bool, path: Path | None = None, sound: Path | None = None,
     beside: Sequence[tuple[str, Path]] = (), out: Path | None = None, size: tuple[int, int] = (960, 540),
 ) -> Summary:  # fmt: skip
-    """An MP4 file per clip of `path` (`WORK/reenact` by default), at the config's frame rate.
+    """Write an MP4 file per clip of `path` (`WORK/reenact` by default), at the config's frame rate.
 
     sound : a file or folder in place of the run's own audio; beside : (label, folder) of motions of the same
     names; size : width and height in pixels
@@ -76,7 +76,7 @@ def _shot(
 
 
 def _sounds(config: Config, motions: Mapping[str, Path], path: Path | None, sound: Path | None) -> dict[str, Path]:
-    """The audio file of each clip that has one."""
+    """Find the audio file of each clip that has one."""
     if sound is not None and inputs.is_file(sound):
         if len(motions) > 1:
             raise DataError(f"{sound}: one audio file for {len(motions)} motions; give a folder of audio files")
@@ -95,7 +95,7 @@ def _sounds(config: Config, motions: Mapping[str, Path], path: Path | None, soun
 
 
 def _film(shot: _Shot, config: Config, folder: Path, size: tuple[int, int]) -> float:
-    """Write one video; its duration in seconds."""
+    """Write one video and return its duration in seconds."""
     inputs.require_usable_name(shot.motions[0][1])
     samples, rate = audio.read_samples(shot.sound) if shot.sound else (None, 0)
     scenes, n_frames = [], 0
