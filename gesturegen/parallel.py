@@ -16,6 +16,16 @@ from gesturegen.errors import GesturegenError
 from gesturegen.inputs import shown
 from gesturegen.outcome import Outcome
 
+# What `warm_up` is to compile before the workers of a stage start, by the first word of its label.
+_LOOPS = {
+    "preprocess": ("speech",),
+    "build-graph": ("build",),
+    "reenact": ("build", "search"),
+    "ablate": ("build", "search"),
+    "compare": ("build", "search"),
+    "render": ("video",),
+}
+
 
 def default_jobs() -> int:
     """Count the processors that this process may use."""
@@ -31,10 +41,10 @@ def for_each(
     the same for any `jobs`. With one job, or one task, everything runs in this process; `fresh` gives every task a
     process of its own instead. A task whose process dies is an error that names the signal; the others go on.
     """
-    if tasks:
+    if groups := _LOOPS.get(label.partition(":")[0]):
         from gesturegen import warm_up
 
-        warm_up.prepare_stage(label.partition(":")[0], quiet)
+        warm_up.prepare(groups, quiet)
     outcome = Outcome()
     guarded = {name: partial(_guarded, tasks[name]) for name in sorted(tasks)}
     with _stage(label, len(guarded), quiet) as bar:

@@ -6,9 +6,12 @@ loop that is missing in them is compiled where it is first called, and kept from
 
 from __future__ import annotations
 
+import hashlib
+import inspect
 import json
 import sys
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +39,8 @@ def prepare(groups: Iterable[str], quiet: bool = True) -> None:
             if missing and not quiet:
                 _tell(folder)
             for group in missing:
-                GROUPS[group]()
+                for compile_loops in GROUPS[group]():
+                    compile_loops()
                 store.keep(_record(group), json.dumps(sorted(store.used)).encode())
     _ready.update(groups)
 
@@ -55,7 +59,9 @@ def _tell(folder: Path | None) -> None:
 
 def _record(group: str) -> str:
     """Return the name of the entry that lists what a group needs, as of the present sources."""
-    return f"group-{group}-{hook.source_digest(__file__)[:24]}"
+    sources = sorted({inspect.getfile(compile_loops) for compile_loops in GROUPS[group]()})
+    digest = hashlib.sha256("".join(map(hook.source_digest, sources)).encode()).hexdigest()
+    return f"group-{group}-{digest[:24]}"
 
 
 def _is_kept(group: str) -> bool:
@@ -82,35 +88,17 @@ def _compile_video() -> None:
     video_kernels.to_yuv420(image, np.empty((12, 8), np.uint8))
 
 
-def _of_methods(stage: str) -> dict[str, Callable[[], object]]:
-    return {
-        name: compile_loops
-        for method in METHODS.values()
-        for name, compile_loops in getattr(method, f"{stage}_loops")().items()
-    }
+def _of_methods(stage: str) -> list[Callable[[], object]]:
+    """List the functions that compile what all methods need in `build` or `search`."""
+    return [compile_loops for method in METHODS.values() for compile_loops in getattr(method, f"{stage}_loops")()]
 
 
-GROUPS: dict[str, Callable[[], object]] = {
-    "speech": _compile_speech,
-    **_of_methods("build"),
-    **_of_methods("search"),
-    "video": _compile_video,
+GROUPS: dict[str, Callable[[], list[Callable[[], object]]]] = {
+    "speech": lambda: [_compile_speech],
+    "build": partial(_of_methods, "build"),
+    "search": partial(_of_methods, "search"),
+    "video": lambda: [_compile_video],
 }
-_EVERY_SEARCH = (*_of_methods("build"), *_of_methods("search"))
-# What is compiled before the workers of a stage start, by the first word of its label.
-_STAGES: dict[str, tuple[str, ...]] = {
-    "preprocess": ("speech",),
-    "build-graph": tuple(_of_methods("build")),
-    "reenact": _EVERY_SEARCH,
-    "ablate": _EVERY_SEARCH,
-    "compare": _EVERY_SEARCH,
-    "render": ("video",),
-}
-
-
-def prepare_stage(stage: str, quiet: bool = True) -> None:
-    """Compile what the workers of a stage of a command need, if that is not yet kept."""
-    prepare(_STAGES.get(stage, ()), quiet)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ one. Modules with kernels are imported inside the functions that need them, so t
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any, BinaryIO, Generic, TypeVar
@@ -157,11 +157,12 @@ class Method(ABC, Generic[Library]):
         """Return the class of the method's library."""
 
     def prepare(
-        self, jobs: Mapping[str, Job], todo: Collection[str], run: Callable[[Mapping, str], Outcome]
+        self, jobs: Mapping[str, Job], is_stored: Callable[[Job], bool], run: Callable[[Mapping, str], Outcome]
     ) -> Prepared:
         """Do in several processes what `build` would do in one.
 
-        todo : the jobs whose libraries are not there yet; run : tasks by title and a label -> their outcome
+        is_stored : whether the library of a job is there and may stay, which reads the whole of it
+        run : tasks by title and a label -> their outcome
         """
         return Prepared()
 
@@ -224,12 +225,6 @@ class Method(ABC, Generic[Library]):
                 found[name] = error
         return found
 
-    def stand_in(
-        self, library: Library, reference: Reference, k: int, config: Config, rng: np.random.Generator
-    ) -> Path:
-        """Find the k-th best path for a reference's speech that shows something else; only of methods that can."""
-        raise NotImplementedError(f"{self.name} shows no k-th best path")
-
     def objective(self, library: Library, speech: Speech, nodes: np.ndarray, config: Config) -> float:
         """Compute what a path costs by the objective of the optimal search; NaN where there is none.
 
@@ -239,10 +234,20 @@ class Method(ABC, Generic[Library]):
 
     # --- compiled loops
 
-    def build_loops(self) -> Mapping[str, Callable[[], object]]:
-        """Return functions that compile what building needs, by name, so that nothing is compiled twice."""
-        return {}
+    def build_loops(self) -> Sequence[Callable[[], object]]:
+        """Return functions that compile what building needs, so that no two processes compile it at once."""
+        return ()
 
-    def search_loops(self) -> Mapping[str, Callable[[], object]]:
-        """Return functions that compile what searching needs, by name."""
-        return {}
+    def search_loops(self) -> Sequence[Callable[[], object]]:
+        """Return functions that compile what searching needs."""
+        return ()
+
+
+class Trainer(Method[Library]):
+    """A method on whose motion a refinement network is trained."""
+
+    @abstractmethod
+    def stand_in(
+        self, library: Library, reference: Reference, k: int, config: Config, rng: np.random.Generator
+    ) -> Path:
+        """Find the k-th best path for the speech of a reference that shows nothing of it, where that can be."""

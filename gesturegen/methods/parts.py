@@ -16,12 +16,13 @@ if TYPE_CHECKING:
 
 
 def in_processes(
-    method: Method, jobs: Mapping[str, Job], run: Callable[[Mapping, str], Outcome], label: str
-) -> Prepared:
+    method: Method, jobs: Mapping[str, Job], is_stored: Callable[[Job], bool],
+    run: Callable[[Mapping, str], Outcome], label: str,
+) -> Prepared:  # fmt: skip
     """Make the parts of libraries of several recordings, each in a task; a single recording is left to `build`."""
     tasks, users = {}, {}
     for name, job in jobs.items():
-        if len(job.names) > 1:
+        if len(job.names) > 1 and not is_stored(job):
             for recording, limit in zip(job.names, limits(job.config, job.names), strict=True):
                 title = f"{name}, {recording}"
                 tasks[title], users[title] = partial(_part, method.name, job.config, recording, limit), [name]

@@ -41,18 +41,20 @@ def build_graphs(config: Config, jobs: int, quiet: bool, reuse: bool = False) ->
 
 def build_libraries(wanted: Mapping[str, Job], jobs: int, label: str, quiet: bool, reuse: bool = False) -> Outcome:
     """Build and store libraries, possibly for several methods; the outcome holds their `Description` by name."""
-    todo = {name for name, job in wanted.items() if not (reuse and libraries.is_current(job, _digests(job)))}
     parts: dict[str, Any] = {}
     notes: dict[str, Any] = {}
     errors: dict[str, str] = {}
     bugs: dict[str, str] = {}
+
+    def is_stored(job: Job) -> bool:
+        return reuse and libraries.is_current(job, _digests(job))
 
     def run(tasks: Mapping, stage: str) -> Outcome:
         return for_each(tasks, jobs, f"{label}: {stage}", quiet) if tasks else Outcome()
 
     for kind, method in METHODS.items():
         own = {name: job for name, job in wanted.items() if job.config.method == kind}
-        prepared = method.prepare(own, todo & own.keys(), run)
+        prepared = method.prepare(own, is_stored, run)
         parts |= prepared.parts
         notes |= prepared.notes
         errors |= prepared.errors
@@ -78,21 +80,20 @@ def build_libraries(wanted: Mapping[str, Job], jobs: int, label: str, quiet: boo
 def _unmatched(done: Mapping[str, Description], wanted: Mapping[str, Job]) -> dict[str, str]:
     """Find, by library, patterns of the config that match nothing in any library built with the same patterns."""
     lacking: dict[tuple[str, str, str], dict[str, str]] = {}
-    users: dict[tuple[str, str], int] = {}
     for name, told in done.items():
-        for section in {key.rpartition(".")[0] for key, _, _ in told.unmatched}:
-            users.setdefault((section, wanted[name].config.section_json(section)), 0)
         for key, pattern, problem in told.unmatched:
-            settings = wanted[name].config.section_json(key.rpartition(".")[0])
-            lacking.setdefault((settings, key, pattern), {})[name] = problem
-    for section, settings in users:
-        users[section, settings] = sum(wanted[name].config.section_json(section) == settings for name in done)
+            lacking.setdefault((key, _section_around(key, wanted[name]), pattern), {})[name] = problem
     errors: dict[str, list[str]] = {}
-    for (settings, key, _), problems in lacking.items():
-        if len(problems) == users[key.rpartition(".")[0], settings]:
+    for (key, settings, _), problems in lacking.items():
+        if all(name in problems for name in done if _section_around(key, wanted[name]) == settings):
             name = min(problems)
             errors.setdefault(name, []).append(problems[name])
     return {name: "\n".join(lines) for name, lines in errors.items()}
+
+
+def _section_around(key: str, job: Job) -> str:
+    """Return the JSON of the section of a job's config that a key stands in."""
+    return job.config.section_json(key.rpartition(".")[0])
 
 
 def _digests(job: Job) -> tuple[str, ...]:

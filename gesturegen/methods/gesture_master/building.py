@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import shutil
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from functools import lru_cache, partial
 from pathlib import Path
@@ -94,11 +94,14 @@ _BLOCK_KIND = Kind(
 _MOST_DROPPED = 10
 
 
-def prepare(jobs: Mapping[str, Job], todo: Collection[str], run: Callable[[Mapping, str], Outcome]) -> Prepared:
+def prepare(
+    jobs: Mapping[str, Job], is_stored: Callable[[Job], bool], run: Callable[[Mapping, str], Outcome]
+) -> Prepared:
     """Cut all recordings, then find all edges, except what is stored already and current.
 
     The notes are of stored parts that had to be made again.
     """
+    todo = {name for name, job in jobs.items() if not is_stored(job)}
     different = {name: line for name, job in jobs.items() if name in todo and (line := _different_skeletons(job))}
     tasks: dict[str, partial] = {}
     users: dict[str, list[str]] = {}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from gesturegen.methods.method import WORKER_BYTES, Description, Inspection, Job, Material, Method, Prepared
@@ -87,11 +87,11 @@ class GestureMasterMethod(Method["GestureDatabase"]):
         return database.of_parts(parts, config)
 
     def prepare(
-        self, jobs: Mapping[str, Job], todo: Collection[str], run: Callable[[Mapping, str], Outcome]
+        self, jobs: Mapping[str, Job], is_stored: Callable[[Job], bool], run: Callable[[Mapping, str], Outcome]
     ) -> Prepared:
         from gesturegen.methods.gesture_master import building
 
-        return building.prepare(jobs, todo, run)
+        return building.prepare(jobs, is_stored, run)
 
     def build(self, job: Job, prepared: Any = None) -> GestureDatabase:
         from gesturegen.methods.gesture_master import building
@@ -142,9 +142,9 @@ class GestureMasterMethod(Method["GestureDatabase"]):
 
         return search.search(library, speech, config, rng, earlier)
 
-    def build_loops(self) -> Mapping[str, Callable[[], object]]:
+    def build_loops(self) -> Sequence[Callable[[], object]]:
         from gesturegen.methods.gesture_master import compiling
 
-        return {"gestures": compiling.compile_gestures}
+        return (compiling.compile_gestures,)
 
     search_loops = build_loops

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from gesturegen.methods.method import BYTES_PER_FRAME, WORKER_BYTES, Description, Inspection, Material, Method
@@ -107,12 +107,12 @@ class MotionGraphMethod(Method["MotionGraph"]):
 
         return objective.total(nodes, global_search.price_list(library, speech, config))["total"]
 
-    def build_loops(self) -> Mapping[str, Callable[[], object]]:
+    def build_loops(self) -> Sequence[Callable[[], object]]:
         from gesturegen.methods.motion_graph import compiling
 
-        return {"graph": compiling.small_graph}
+        return (compiling.small_graph,)
 
-    def search_loops(self) -> Mapping[str, Callable[[], object]]:
+    def search_loops(self) -> Sequence[Callable[[], object]]:
         from gesturegen.methods.motion_graph import compiling
 
-        return {"beam": compiling.compile_beam, "global": compiling.compile_global}
+        return (compiling.compile_beam, compiling.compile_global)

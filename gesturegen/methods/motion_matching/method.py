@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from gesturegen.methods.method import Description, Inspection, Job, Material, Method, Prepared
+from gesturegen.methods.method import Description, Inspection, Job, Material, Prepared, Trainer
 
 if TYPE_CHECKING:
     import numpy as np
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _FEW_MINUTES = 5.0
 
 
-class MotionMatchingMethod(Method["MatchingDatabase"]):
+class MotionMatchingMethod(Trainer["MatchingDatabase"]):
     """Method that chooses every half second the piece of motion that goes on best and sounds best (§3.1)."""
 
     name = "motion_matching"
@@ -66,11 +66,11 @@ class MotionMatchingMethod(Method["MatchingDatabase"]):
         return database.assemble(parts, config)
 
     def prepare(
-        self, jobs: Mapping[str, Job], todo: Collection[str], run: Callable[[Mapping, str], Outcome]
+        self, jobs: Mapping[str, Job], is_stored: Callable[[Job], bool], run: Callable[[Mapping, str], Outcome]
     ) -> Prepared:
         from gesturegen.methods import parts
 
-        return parts.in_processes(self, {name: job for name, job in jobs.items() if name in todo}, run, "features")
+        return parts.in_processes(self, jobs, is_stored, run, "features")
 
     def kind(self) -> Kind:
         from gesturegen.methods.motion_matching import database
@@ -114,9 +114,9 @@ class MotionMatchingMethod(Method["MatchingDatabase"]):
 
         return training_paths.stand_in(library, reference, k, config, rng)
 
-    def build_loops(self) -> Mapping[str, Callable[[], object]]:
+    def build_loops(self) -> Sequence[Callable[[], object]]:
         from gesturegen.methods.motion_matching import compiling
 
-        return {"matching": compiling.compile_matching}
+        return (compiling.compile_matching,)
 
     search_loops = build_loops
