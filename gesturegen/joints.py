@@ -62,13 +62,12 @@ def settings_for(skeleton: Skeleton, config: Config) -> Config:
         side: sides[side][0] for side in SIDES
         if sides[side] and unknown(getattr(config.control, side), getattr(Control(), side))
     })  # fmt: skip
-    stand_ins = {**{part: found.pair(part) for part in roles.LIMBS}, "finger_roots": _finger_roots(skeleton, found)}
     for method in METHODS.values():
         for key, parts in method.joint_settings.items():
             section, _, name = key.partition(".")
             own = getattr(config, section)
             if unknown(getattr(own, name), getattr(type(own)(), name)):
-                put(section, **{name: named([joint for part in parts for joint in stand_ins[part]])})
+                put(section, **{name: named([joint for part in parts for joint in _of_part(skeleton, found, part)])})
     evaluation = {}
     if unknown(config.evaluation.seam_joints, Evaluation().seam_joints):
         middle = [found["pelvis"], *found.spine[-1:], found["head"]]
@@ -136,6 +135,11 @@ def _roll_first(skeleton: Skeleton, found: Roles) -> str | None:
         if elbow >= 0:
             ways.append(way)
     return _ROLL_FIRST[int(np.sum(ways, axis=0).argmax())] if ways else None
+
+
+def _of_part(skeleton: Skeleton, found: Roles, part: str) -> list[int]:
+    """List the joints of both sides that are a part of the body: one of `roles.LIMBS`, or `finger_roots`."""
+    return _finger_roots(skeleton, found) if part == "finger_roots" else list(found.pair(part))
 
 
 def _finger_roots(skeleton: Skeleton, found: Roles) -> list[int]:

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from gesturegen import remembered
 from gesturegen.data import clips, recordings
 from gesturegen.data import index as clip_index
 from gesturegen.data.index import Index, IndexedTest
@@ -116,6 +117,23 @@ def _places(row: IndexedTest) -> dict[str, str | None]:
     return {"audio": row.audio, "truth": row.truth}
 
 
+def share(config: Config, work: Path, *names: str) -> None:
+    """Make another folder a work folder of these settings, so that every command works on it.
+
+    names : folders of the config's work folder that it shares, by links. Raises DataError where it cannot hold links.
+    """
+    remembered.write(config, work)
+    for name in names:
+        target = os.path.relpath(work_path(config, name).resolve(), work.resolve())
+        try:
+            (work / name).symlink_to(target, target_is_directory=True)
+        except OSError as error:
+            raise DataError(
+                f"{work / name}: cannot be a link to {target} ({error.strerror}); choose a folder that can hold links, "
+                "with --work"
+            ) from None
+
+
 def read_manifest(work: Path) -> Manifest:
     """Read the manifest that `reenact` wrote in a work folder; DataError when it has not been run there."""
     path = work / "reenact" / "manifest.json"
@@ -147,11 +165,15 @@ def require_names(config: Config, references: Iterable[str], tests: Iterable[str
         *METHODS[config.method].named_clips(config),
     ]
     known = {"test clip": [*tests], "reference clip": [*references]}
-    problems = [
+    refuse_unmatched(
         recordings.without_match(key, pattern, known[what], what)
         for kind in known
         for key, pattern, what in named
         if what == kind
-    ]
+    )
+
+
+def refuse_unmatched(problems: Iterable[str | None]) -> None:
+    """Raise ConfigError with the lines of names that match no clip (`recordings.without_match`), each once."""
     if found := list(dict.fromkeys(filter(None, problems))):
         raise ConfigError("\n".join(found))

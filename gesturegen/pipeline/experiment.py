@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from gesturegen import __version__, evaluation, files, remembered, submission, viewer
+from gesturegen import __version__, evaluation, files, submission, viewer
 from gesturegen.data import clips
 from gesturegen.data.index import Index
 from gesturegen.data.stored_clips import digests
@@ -22,7 +21,6 @@ from gesturegen.experiment.plan import Plan, seeded
 from gesturegen.experiment.presets import ABLATE, COMPARE, MEMORY, Preset
 from gesturegen.extras import need
 from gesturegen.frames import ReferenceFrames
-from gesturegen.manifest import ClipRow
 from gesturegen.methods import METHODS, libraries
 from gesturegen.methods.method import Job
 from gesturegen.metrics.measures import Measure, frechet_measures
@@ -30,7 +28,7 @@ from gesturegen.motion.skeleton import Motion
 from gesturegen.outcome import Outcome
 from gesturegen.parallel import for_each, one_display
 from gesturegen.pipeline.build_graph import build_libraries
-from gesturegen.pipeline.common import Summary, chosen_references, read_index, require_writable
+from gesturegen.pipeline.common import Summary, chosen_references, read_index, require_writable, share
 from gesturegen.pipeline.evaluate import (
     add_detectability,
     locate_file,
@@ -230,7 +228,9 @@ def _run_all(
             by_seed[run.setup][run.config.seed] = _sum_up(run, done, columns, ruler, index)
             rows += [figures.shown(one["row"], columns) for one in done]
             if preset.work_folders and run.kept is not None:
-                _complete_work_folder(run.kept, run.config, [one["manifest_row"] for one in done])
+                made_rows = [one["manifest_row"] for one in done]
+                documents.write(run.kept / "manifest.json", submission.manifest(made_rows, run.config))
+                share(run.config, run.kept.parent, "clips")
     if ruler.keys & set(MEMORY):
         first = [run for run in runs if run.config.seed == plan.seeds[0]]
         measured = _measure_memory(first, preset, index, jobs, quiet)
@@ -284,30 +284,11 @@ def _sum_up(
     """Compute the figures of a run, and add to its rows those that all clips are needed for."""
     rows = [one["row"] for one in done]
     pairs = [(one["generated"], one["truth"]) for one in done if one["truth"] is not None]
-    whole = index.durations
-    seconds = figures.durations(whole, run.config.references.seconds, run.references)
+    seconds = figures.durations(index.durations, run.config.references.seconds, run.references)
     with threadpool_limits(limits=1):  # as in the workers, so that the figures depend on no number of threads
         total = figures.run_figures(rows, pairs, columns, ruler.config, seconds, index.training_seconds)
         add_detectability({row["clip"]: row for row in rows}, total, ruler.config)
     return total
-
-
-def _complete_work_folder(kept: Path, config: Config, rows: Iterable[ClipRow]) -> None:
-    """Make the folder of a setup a work folder, so that every command works on it: it shares the clips.
-
-    kept : where its BVH files and traces are; rows : of its clips
-    """
-    folder = kept.parent
-    documents.write(kept / "manifest.json", submission.manifest(rows, config))
-    remembered.write(config, folder)
-    target = os.path.relpath(work_path(config, "clips").resolve(), folder.resolve())
-    try:
-        (folder / "clips").symlink_to(target, target_is_directory=True)
-    except OSError as error:
-        raise DataError(
-            f"{folder / 'clips'}: cannot be a link to {target} ({error.strerror}); choose a folder that can hold "
-            "links, with --work"
-        ) from None
 
 
 def _measure_memory(runs: Sequence[_Run], preset: Preset, index: Index, jobs: int, quiet: bool) -> Summary:

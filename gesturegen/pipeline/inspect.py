@@ -38,7 +38,8 @@ def inspect(config: Config, target: str, plot: Path | None = None, as_json: bool
         lines = skeletons.skeleton_lines(facts)
         warnings = [(path.stem, note) for note in facts["notes"]]
     elif path.suffix == ".npz":
-        found = libraries.method_of(path).inspect(libraries.read(path))
+        method = libraries.method_of(path)
+        found = method.inspect(libraries.load(path, method))
         facts, lines = found.facts, list(found.lines)
         if found.draw is not None:
             draw = partial(found.draw, path.stem)

@@ -10,7 +10,7 @@ from gesturegen import inputs
 from gesturegen.data import clips, recordings
 from gesturegen.data.index import FORMAT_VERSION, Index, IndexedClip, IndexedTest
 from gesturegen.data.recordings import Recording
-from gesturegen.errors import ConfigError, DamagedError, DataError
+from gesturegen.errors import DamagedError, DataError
 from gesturegen.motion import bvh
 from gesturegen.outcome import Outcome
 from gesturegen.parallel import describe_bugs, for_each
@@ -18,6 +18,7 @@ from gesturegen.pipeline.common import (
     Summary,
     by_kind,
     data_settings,
+    refuse_unmatched,
     relative_to_work,
     require_names,
     require_writable,
@@ -159,9 +160,7 @@ def _require_references(config: Config, references: Iterable[str]) -> list[str]:
     known = [*references, *(recording.name for recording in recordings.blacklisted_recordings(config))]
     patterns = [("blacklist", pattern) for pattern in config.blacklist]
     patterns += [("exclude", range_.clip) for range_ in config.exclude]
-    problems = [recordings.without_match(key, pattern, known, "reference clip") for key, pattern in patterns]
-    if found := list(dict.fromkeys(filter(None, problems))):
-        raise ConfigError("\n".join(found))
+    refuse_unmatched(recordings.without_match(key, pattern, known, "reference clip") for key, pattern in patterns)
     return known
 
 

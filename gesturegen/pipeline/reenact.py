@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gesturegen import __version__, remembered, submission
+from gesturegen import __version__, submission
 from gesturegen.data import clips
 from gesturegen.data.stored_clips import digests, stored_digest
 from gesturegen.errors import DamagedError, DataError
@@ -22,7 +21,7 @@ from gesturegen.methods import METHODS, libraries
 from gesturegen.parallel import for_each
 from gesturegen.path import Path as SearchPath
 from gesturegen.pipeline import keyword_gestures, refiner
-from gesturegen.pipeline.common import Summary, chosen_references, read_index, require_writable
+from gesturegen.pipeline.common import Summary, chosen_references, read_index, require_writable, share
 from gesturegen.pipeline.gesturing import gesture, read_speech, title_of
 from gesturegen.pipeline.memory import require_memory
 from gesturegen.settings.models import Config
@@ -65,7 +64,8 @@ def reenact(config: Config, jobs: int, quiet: bool, reuse: bool = False, variant
     if not reuse:
         _remove_variants(config)
     for folder in folders[1:]:
-        _link_inputs(config, folder.parent)
+        require_writable(folder)
+        share(config, folder.parent, "clips", "graphs")
     found = _search_together(config, chosen, jobs, quiet, reuse)
     tasks = {
         test: partial(_reenact_clip, test, names, config, reuse, variants, found.get(test))
@@ -241,21 +241,6 @@ def _refuse_variant(config: Config) -> None:
             f"{work_path(config)}: holds a variant of {work.parent.parent}, so nothing is reenacted into it; "
             "give another folder with --work"
         )
-
-
-def _link_inputs(config: Config, work: Path) -> None:
-    """Make the work folder of a variant whole, so that every command works on it: it shares clips and graphs."""
-    require_writable(work / "reenact")
-    remembered.write(config, work)
-    for name in ("clips", "graphs"):
-        target = os.path.relpath(work_path(config, name).resolve(), work.resolve())
-        try:
-            (work / name).symlink_to(target, target_is_directory=True)
-        except OSError as error:
-            raise DataError(
-                f"{work / name}: cannot be a link to {target} ({error.strerror}); choose a folder that can hold links, "
-                "with --work"
-            ) from None
 
 
 def _remove_variants(config: Config) -> None:
