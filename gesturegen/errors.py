@@ -26,9 +26,5 @@ class ConfigError(GesturegenError):
     """Error about a config file or `--set` value that is not allowed."""
 
 
-class SearchError(GesturegenError):
-    """Error about a test speech for which the search found no path."""
-
-
 class DamagedError(DataError):
     """Error about a stored file that is not as it was written; `run` makes it again."""

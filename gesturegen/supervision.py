@@ -34,7 +34,7 @@ _HINT, _TASK = slice(0, 1024), slice(1024, 4096)
 
 
 class _State:
-    """What a supervisor and its command share, None where nobody watches.
+    """The state that a supervisor and its command share, None where nobody watches.
 
     page : memory of both; held_open : the writing end of a pipe that the command and all of its workers hold open, so
     that their end can be awaited

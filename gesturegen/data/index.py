@@ -1,4 +1,4 @@
-"""What `preprocess` leaves for later commands: an `Index` of the clips, stored as `clips/index.json`."""
+"""The index of the clips that `preprocess` stored, `clips/index.json`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class IndexedTest(IndexedClip):
 
 
 class Index(Document):
-    """Which clips there are, by name.
+    """The clips of a work folder, by name.
 
     settings : JSON of those that say which recordings there are; training_seconds : of all of them, the blacklist
     included; failed : test clips that could not be read, and why
@@ -40,5 +40,5 @@ class Index(Document):
 
     @property
     def durations(self) -> dict[str, float]:
-        """Seconds of each reference clip."""
+        """Return the seconds of each reference clip."""
         return {name: row.seconds for name, row in self.references.items()}

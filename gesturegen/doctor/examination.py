@@ -76,7 +76,7 @@ class Examined:
 
     @property
     def unfit(self) -> bool:
-        """Whether the recording as a whole cannot serve as a reference."""
+        """Tell whether the recording as a whole cannot serve as a reference."""
         return any(finding.kind in UNFIT and finding.start is None for finding in self.findings)
 
     def add(self, kind: str, text: str, cure: str, start: float | None = None, end: float | None = None) -> None:

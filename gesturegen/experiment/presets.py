@@ -65,7 +65,7 @@ MACHINE_COLUMNS = (
 # What no second run repeats.
 MACHINE = {measure.key for measure in MACHINE_COLUMNS}
 
-# Table 2 as printed, on 70 clips. Its one BC fits neither of our two measures (README).
+# Table 2 as printed, on 70 clips. Its one BC fits neither of our two measures (docs/measures.md).
 PAPER_CLIPS = 70
 PAPER = {
     "weak_detection": {"syn": 0.61393, "bc": 0.021577, "div": 0.06101, "failure": 0},

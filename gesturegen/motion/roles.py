@@ -113,7 +113,7 @@ class Roles:
 
     @property
     def is_body(self) -> bool:
-        """Whether there is a trunk with a pair of arms or of legs: enough to call the rest of the joints a body."""
+        """Tell whether there is a trunk with a pair of arms or of legs: enough to call the rest of the joints a body."""
         pairs = (len(self.pair("wrist")) == 2, len(self.pair("ankle")) == 2)
         return self["pelvis"] >= 0 and self["head"] >= 0 and any(pairs)
 

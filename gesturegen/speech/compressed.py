@@ -65,7 +65,7 @@ def kind(head: bytes) -> str | None:
 
 
 def counts_its_frames(file: BinaryIO) -> bool:
-    """Whether an MP3 file says how long it is; else its length is guessed from its size.
+    """Tell whether an MP3 file says how long it is; else its length is guessed from its size.
 
     By a Xing header (`Info` where the bit rate is constant), which stands in the place of the first frame's sound.
     """

@@ -68,7 +68,7 @@ class MotionGraph(ReferenceFrames):
 
     @cached_property
     def prepared(self) -> dict:
-        """What searches have made of the graph and look up again, by what it depends on beside the graph."""
+        """Hold tables that searches computed from the graph and use again, by the settings that they depend on."""
         return {}
 
     def children(self, node: int) -> np.ndarray:
